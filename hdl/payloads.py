@@ -1,0 +1,156 @@
+"""Payloads of the streams that join the blocks.
+
+Fields stand in the order of their bits, the first one in the least significant bits. Image
+coordinates are Q9.9 pixels; what carries an ``end`` flag closes a frame with it, and all its other
+fields are then zero.
+"""
+
+from amaranth.hdl import signed, unsigned
+from amaranth.lib import data, enum
+
+__all__ = [
+    "FRACTION_BITS", "COORDINATE_BITS", "AREA_LIMIT", "Mark", "GreyPixel", "MaskPixel", "Spot",
+    "QueuedSpot", "Counts", "Centre", "Undistorted", "Status", "Match", "Point", "FrameInfo",
+]
+
+#: Bits behind the binary point of a coordinate in pixels.
+FRACTION_BITS = 9
+#: Bits of a coordinate: unsigned Q9.9 in the image, signed about its centre once undistorted.
+COORDINATE_BITS = 18
+#: An area counter stops here: the component has more pixels than any spot may have.
+AREA_LIMIT = 256
+
+_WEIGHT_BITS = 16  # 255 pixels of weight 256
+_SUM_BITS = 25  # 65,280 times a row or column below 512
+
+
+class Mark(data.Struct):
+    """Where a pixel stands in its frame.
+
+    ``frame_end`` comes with ``line_end``. ``broken`` comes with both, on a beat without a pixel:
+    the frame lost synchronism and ends here, wherever that is.
+    """
+
+    line_end: 1
+    frame_end: 1
+    broken: 1
+
+
+class GreyPixel(data.Struct):
+    """A pixel of the imager."""
+
+    grey: 8
+    mark: Mark
+
+
+class MaskPixel(data.Struct):
+    """A pixel after the threshold.
+
+    ``excess`` is the grey value above the level, zero where the pixel is dark. ``core`` tells that
+    the pixel survives the erosion.
+    """
+
+    lit: 1
+    core: 1
+    excess: 8
+    mark: Mark
+
+
+class Spot(data.Struct):
+    """What a component's pixels add up to, or (``end``) the end of a frame's components.
+
+    ``area`` stops at :data:`AREA_LIMIT`; the sums of such a component read zero, so that no sum
+    that is ever used has wrapped.
+    """
+
+    end: 1
+    broken: 1
+    core: 1
+    area: 9
+    weight: unsigned(_WEIGHT_BITS)
+    sum_u: unsigned(_SUM_BITS)
+    sum_v: unsigned(_SUM_BITS)
+
+
+class QueuedSpot(data.Struct):
+    """A component that waits for its centre."""
+
+    end: 1
+    rejected: 1
+    area: 8
+    weight: unsigned(_WEIGHT_BITS)
+    sum_u: unsigned(_SUM_BITS)
+    sum_v: unsigned(_SUM_BITS)
+
+
+class Counts(data.Struct):
+    """What became of a frame's components before their centres were known."""
+
+    spots: 16
+    rejected: 16
+    dropped: 16
+    broken: 1
+
+
+class Centre(data.Struct):
+    """A spot's centre in the image, unsigned Q9.9 pixels."""
+
+    end: 1
+    rejected: 1
+    area: 8
+    u: unsigned(COORDINATE_BITS)
+    v: unsigned(COORDINATE_BITS)
+
+
+class Undistorted(data.Struct):
+    """A :class:`Centre` with its undistorted place, signed Q9.9 pixels about the image centre."""
+
+    end: 1
+    rejected: 1
+    area: 8
+    u: unsigned(COORDINATE_BITS)
+    v: unsigned(COORDINATE_BITS)
+    x: signed(COORDINATE_BITS)
+    y: signed(COORDINATE_BITS)
+
+
+class Status(enum.Enum, shape=2):
+    """What a spot turned out to be."""
+
+    OK = 0
+    NOISE = 1
+    AMBIGUOUS = 2
+    REJECTED = 3
+
+
+class Match(data.Struct):
+    """A spot with the beam that made it; ``beam`` is zero unless the status is ok."""
+
+    end: 1
+    status: Status
+    beam: 7
+    area: 8
+    u: unsigned(COORDINATE_BITS)
+    v: unsigned(COORDINATE_BITS)
+    x: signed(COORDINATE_BITS)
+
+
+class Point(data.Struct):
+    """A spot with its inverse depth, in units that the calibration chose; 72 bits."""
+
+    end: 1
+    status: Status
+    beam: 7
+    area: 8
+    u: unsigned(COORDINATE_BITS)
+    v: unsigned(COORDINATE_BITS)
+    inverse_z: unsigned(18)
+
+
+class FrameInfo(data.Struct):
+    """What is known of a frame when its first pixel passes."""
+
+    number: 16
+    level: 8
+    learning: 1
+    skipped: 8

@@ -1,0 +1,8 @@
+"""Environment of the whole regression."""
+
+import pytest
+
+from tb.hdlsim import prepare_environment
+
+prepare_environment()
+pytest.register_assert_rewrite("tb.harness")

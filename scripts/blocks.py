@@ -1,0 +1,106 @@
+"""The one list of blocks: export, sizes, lint and tests all read it."""
+
+import inspect
+import re
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+from hdl.config import PRESETS
+
+__all__ = ["BLOCKS", "ROOT", "TOP", "UNITS", "Block", "find", "present"]
+
+ROOT = Path(__file__).resolve().parents[1]
+#: Folders of ``hdl/``, in the order in which data flows.
+UNITS = ("acquisition", "preprocessing", "stereo", "link", "common")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A component of the design under its file's stem.
+
+    Parameters
+    ----------
+    name : :class:`str`
+        Stem of the file, name of the Verilog module and of the VHDL entity.
+    unit : :class:`str`
+        Folder below ``hdl/``; empty for the top.
+    """
+
+    name: str
+    unit: str
+
+    @property
+    def source(self):
+        """Path of the Amaranth file."""
+        return ROOT / "hdl" / self.unit / f"{self.name}.py"
+
+    @property
+    def twin(self):
+        """Path of the hand-written VHDL twin, or None."""
+        path = self.source.with_suffix(".vhd")
+        return path if path.exists() else None
+
+    @property
+    def component_class(self):
+        """The block's class: the stem in capitals, underscores dropped."""
+        module = import_module(".".join(filter(None, ("hdl", self.unit, self.name))))
+        wanted = self.name.replace("_", "")
+        for name, value in vars(module).items():
+            if name.lower() == wanted and inspect.isclass(value):
+                return value
+        raise LookupError(f"{self.source.relative_to(ROOT)} has no class named after it")
+
+    def arguments(self, config):
+        """Constructor arguments for ``config``, matched by name; others keep their defaults."""
+        choices = {
+            "config": config, "width": config.width, "height": config.height,
+            "beams": config.beams, "lanes": config.lanes, "spot_depth": config.spot_depth,
+        }
+        if self.name == "spot_queue":
+            choices["depth"] = config.spot_depth
+        if self.name == "binarise":
+            choices["pixel_bits"] = 8
+        wanted = inspect.signature(self.component_class).parameters
+        return {name: value for name, value in choices.items() if name in wanted}
+
+    def component(self, config=PRESETS["capsule"]):
+        """A fresh component, as the design of ``config`` holds it."""
+        return self.component_class(**self.arguments(config))
+
+
+#: Every block, in the order in which data flows.
+BLOCKS = tuple(Block(name, unit) for unit, names in {
+    "acquisition": "camera frame_gate",
+    "preprocessing": "histogram threshold binarise erosion labelling features spot_queue centre",
+    "stereo": "undistort epipolar depth",
+    "link": "packet uart_tx",
+    "common": "table_memory point_fifo",
+}.items() for name in names.split())
+#: The whole design.
+TOP = Block("capsule", "")
+
+
+def present():
+    """Blocks that have a file: those of the list, then those it does not know, then the top."""
+    unlisted = (
+        Block(file.stem, unit) for unit in UNITS
+        for file in sorted((ROOT / "hdl" / unit).glob("[a-z]*.py")))
+    return tuple(
+        block for block in dict.fromkeys((*BLOCKS, *unlisted, TOP)) if block.source.exists())
+
+
+def find(name):
+    """The block called ``name``, which may also be the path of its file.
+
+    Raises
+    ------
+    LookupError
+        If there is none.
+    """
+    stem = re.sub(r"\.\w+$", "", Path(name).name)
+    for block in present():
+        if block.name == stem:
+            return block
+    names = ", ".join(block.name for block in present())
+    raise LookupError(f"There is no block {name!r}; there are: {names or 'none'}.")

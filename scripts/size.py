@@ -42,7 +42,8 @@ def summarise(cells):
         "mult18x18": sum(n for cell, n in cells.items() if cell.startswith("MULT18X18")),
         "ramb16": sum(count for cell, count in cells.items() if cell.startswith("RAMB16")),
         "distributed": sum(
-            CELLS[cell] * n for cell, n in cells.items() if cell in CELLS and cell.startswith("RA")),
+            CELLS[cell] * count for cell, count in cells.items()
+            if cell in CELLS and cell.startswith("RAM")),
         "latches": sum(count for cell, count in cells.items() if cell.startswith("LD")),
         "cells": dict(sorted(cells.items())),
     }

@@ -1,0 +1,42 @@
+# Two commands do everything: `make demo` and `make test`. Each sets up what it needs.
+PYTHON ?= python3
+BIN := .venv/bin
+WORKERS ?= 2
+PYTEST := $(BIN)/python -m pytest
+
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.PHONY: help setup tools demo sim test lint bench synth-export clean
+
+help: ## list these targets
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1|\2/p' $(MAKEFILE_LIST) | \
+	    while IFS='|' read -r name text; do printf '  make %-13s %s\n' "$$name" "$$text"; done
+
+setup: ## make .venv with everything in it, to the version
+	@$(PYTHON) scripts/setup.py
+
+tools:
+	@$(PYTHON) scripts/setup.py --test
+
+demo: setup ## simulate a rig, calibrate it, and measure through the RTL
+	$(BIN)/python -m scripts.demo
+
+sim: tools ## run the whole-frame benches of the top
+	$(PYTEST) tb/system -k capsule
+
+test: tools ## run ruff and the whole regression
+	$(BIN)/ruff check .
+	$(PYTEST) -n $(WORKERS) --dist worksteal --junitxml=build/regression.xml
+
+lint: tools ## check the Python, the generated Verilog and the VHDL twins
+	$(BIN)/ruff check .
+	$(PYTEST) tb/system/test_export.py tb/system/test_repository.py
+
+bench: tools ## print speed, accuracy and size
+	$(BIN)/python -m scripts.bench
+
+synth-export: setup ## write Verilog, VHDL, tables and vendor projects to build/export
+	$(BIN)/python -m scripts.export
+
+clean: ## remove what was built; .venv stays
+	rm -rf build out .pytest_cache .ruff_cache

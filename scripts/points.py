@@ -1,0 +1,102 @@
+"""From what the chip reports to millimetres: one row per spot."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+__all__ = ["POINT", "STATUS", "Shown", "locate"]
+
+#: Names of the status codes on the wire.
+STATUS = ("ok", "noise", "ambiguous", "rejected")
+
+#: A spot: image coordinates in pixels, place in millimetres (NaN where there is none), beam (-1
+#: where there is none), grey value at the spot.
+POINT = np.dtype([
+    ("frame", np.int32), ("beam", np.int16), ("u", np.float64), ("v", np.float64),
+    ("area", np.int16), ("x", np.float64), ("y", np.float64), ("z", np.float64),
+    ("status", np.uint8), ("intensity", np.uint8)])
+
+#: Image coordinates on the wire have 9 bits behind the binary point.
+_LSB_PX = 1 / 512
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What became of one frame.
+
+    Parameters
+    ----------
+    index : :class:`int`
+        The frame's number in the tables.
+    path : :class:`~pathlib.Path`
+        Its pattern image.
+    texture : :class:`~pathlib.Path` or None
+        Its picture without the laser.
+    level : :class:`int`
+        Threshold used.
+    spots, rejected, dropped : :class:`int`
+        Connected components in the frame, those that were gated out, those that found no room;
+        ``rejected`` counts spots that were refused later on, too.
+    points : array of :data:`POINT`
+        The spots that were reported.
+    notes : :class:`tuple` of :class:`str`
+        Everything about the frame that is not as it should be.
+    """
+
+    index: int
+    path: Path
+    texture: Path | None
+    level: int
+    spots: int
+    rejected: int
+    dropped: int
+    points: np.ndarray = field(repr=False)
+    notes: tuple = ()
+
+    def count(self, status):
+        """How many of the reported spots have the status of that name."""
+        return int(np.count_nonzero(self.points["status"] == STATUS.index(status)))
+
+
+def locate(reported, index, calibration, grey):
+    """Rows of a frame's spots, in the order in which the chip reports them.
+
+    x, y and z are those of the undistorted ray through the spot's centre, at the depth that the
+    chip measured.
+
+    Parameters
+    ----------
+    reported : structured array
+        ``status beam area u v inverse_z``, in the integer units of the link.
+    index : :class:`int`
+        The frame's number.
+    calibration : calibration
+        Gives the lens and the unit of ``inverse_z``.
+    grey : 2-D ``uint8`` array
+        Where the intensity is read.
+    """
+    points = np.zeros(len(reported), POINT)
+    points["frame"] = index
+    for name in ("status", "area"):
+        points[name] = reported[name]
+    ok = points["status"] == STATUS.index("ok")
+    points["beam"] = np.where(ok, np.asarray(reported["beam"], np.int16), -1)
+    points["u"] = np.asarray(reported["u"], float) * _LSB_PX
+    points["v"] = np.asarray(reported["v"], float) * _LSB_PX
+
+    column = np.clip(np.rint(points["u"]).astype(int), 0, grey.shape[1] - 1)
+    row = np.clip(np.rint(points["v"]).astype(int), 0, grey.shape[0] - 1)
+    points["intensity"] = grey[row, column]
+
+    for name in "xyz":
+        points[name] = np.nan
+    inverse = np.asarray(reported["inverse_z"], float) * calibration.inverse_z_unit
+    measured = ok & (inverse > 0)
+    depth = 1 / inverse[measured]
+    lens = calibration.lens
+    slopes = lens.ray(*lens.undistort(points["u"][measured], points["v"][measured]))
+    points["x"][measured] = slopes[0] * depth
+    points["y"][measured] = slopes[1] * depth
+    points["z"][measured] = depth
+    return points

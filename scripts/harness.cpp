@@ -1,0 +1,122 @@
+// The Verilated capsule as a plain C library: frames in at the camera's pins, octets out of the
+// serial pin. No VPI; both clocks run together, one pixel a clock; the UART runs at one clock a bit.
+#include "Vcapsule.h"
+#include "verilated.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace {
+
+struct Harness {
+    VerilatedContext context;
+    Vcapsule top{&context, "TOP"};
+    uint64_t clocks = 0;
+    int bit = -1;  // place in the character on the serial line; -1 between characters
+    uint8_t character = 0;
+    std::vector<uint8_t> octets;
+
+    void clock() {
+        top.clk = 1;
+        top.pixel_clk = 1;
+        top.eval();
+        top.clk = 0;
+        top.pixel_clk = 0;
+        top.eval();
+        ++clocks;
+        if (bit < 0) {
+            if (!top.tx) bit = 0, character = 0;
+        } else if (bit < 8) {
+            character |= static_cast<uint8_t>(top.tx << bit++);
+        } else {
+            octets.push_back(character);
+            bit = -1;
+        }
+    }
+
+    void reset() {
+        top.rst = top.pixel_rst = 1;
+        for (int i = 0; i < 4; ++i) clock();
+        top.rst = top.pixel_rst = 0;
+        for (int i = 0; i < 4; ++i) clock();
+        octets.clear();
+        bit = -1;
+    }
+};
+
+}  // namespace
+
+extern "C" {
+
+Harness* capsule_new() { return new Harness; }
+
+void capsule_free(Harness* harness) {
+    harness->top.final();
+    delete harness;
+}
+
+uint64_t capsule_clocks(const Harness* harness) { return harness->clocks; }
+
+void capsule_reset(Harness* harness) { harness->reset(); }
+
+// Registers, in the order of `Settings.registers` in model/settings.py.
+void capsule_configure(Harness* harness, const uint32_t* value) {
+    auto& top = harness->top;
+    top.threshold_fixed = value[0];
+    top.threshold_level = value[1];
+    top.alpha = value[2];
+    top.erosion_mode = value[3];
+    top.weighted = value[4];
+    top.area_min = value[5];
+    top.area_max = value[6];
+    top.report_rejected = value[7];
+    top.principal_u = value[8];
+    top.principal_v = value[9];
+    top.tangential_1 = value[10];
+    top.tangential_2 = value[11];
+    top.divisor = 1;
+}
+
+// One word of a table; `word` holds 72 bits in three 32-bit parts, low part first.
+void capsule_write_table(Harness* harness, int select, uint32_t address, const uint32_t* word) {
+    auto& top = harness->top;
+    top.table_enable = 1;
+    top.table_select = select;
+    top.table_address = address;
+    for (int i = 0; i < 3; ++i) top.table_data[i] = word[i];
+    harness->clock();
+    top.table_enable = 0;
+}
+
+// Shows one frame at the camera's pins, with blanking after each line and after the frame.
+void capsule_frame(Harness* harness, const uint8_t* grey, size_t height, size_t width,
+                   size_t line_blanking, size_t frame_blanking) {
+    auto& top = harness->top;
+    top.frame_valid = 1;
+    for (size_t row = 0; row < height; ++row) {
+        top.line_valid = 1;
+        for (size_t column = 0; column < width; ++column) {
+            top.data = *grey++;
+            harness->clock();
+        }
+        top.line_valid = 0;
+        for (size_t i = 0; i < line_blanking; ++i) harness->clock();
+    }
+    top.frame_valid = 0;
+    for (size_t i = 0; i < frame_blanking; ++i) harness->clock();
+}
+
+void capsule_idle(Harness* harness, uint64_t clocks) {
+    while (clocks--) harness->clock();
+}
+
+// Takes the octets that have come; returns how many there were.
+size_t capsule_octets(Harness* harness, uint8_t* out, size_t room) {
+    size_t count = harness->octets.size() < room ? harness->octets.size() : room;
+    for (size_t i = 0; i < count; ++i) out[i] = harness->octets[i];
+    harness->octets.erase(harness->octets.begin(), harness->octets.begin() + count);
+    return count;
+}
+
+}  // extern "C"

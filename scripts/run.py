@@ -7,7 +7,7 @@ from pathlib import Path
 
 from scripts.errors import UserError
 
-__all__ = ["Entry", "add_arguments", "find_frames", "main", "measure", "run"]
+__all__ = ["Entry", "add_arguments", "check_images", "find_frames", "main", "measure", "run"]
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 _NUMBERED = re.compile(r"(\d+)(_ir)?")
@@ -191,6 +191,16 @@ def measure(entries, calibration, engine, independent=False):
             index=entry.index, path=entry.path, texture=entry.texture, level=frame.level,
             spots=frame.spots, rejected=frame.rejected, dropped=frame.dropped, points=points,
             notes=_notes(image, frame, listed))
+    if waiting:
+        raise RuntimeError(f"the engine gave no answer to {len(waiting)} frames")
+
+
+def check_images(entries, width, height):
+    """Read every image once, so that a bad one is refused before any work is done."""
+    from calibration.capture import read_image
+    for entry in entries:
+        for path in filter(None, (entry.path, entry.texture)):
+            read_image(path, width, height)
 
 
 def _bar(console):
@@ -232,6 +242,7 @@ def run(targets, calibration_path, output, engine="rtl", *, independent=False, p
         calibration = replace(
             calibration, settings=replace(calibration.settings, level_fixed=level or None))
     truth = None if truth_path is None else load_truth(truth_path)
+    check_images(entries, calibration.width, calibration.height)
     console = console or Console()
     progress = _bar(Console(stderr=True))
     with new_folder(output) as folder, progress:

@@ -41,8 +41,8 @@ def frames_table(frames, limit=None):
         With more frames than this, only those with notes have a line of their own, and the first
         ``limit`` of the others.
     """
-    table = Table(box=box.SIMPLE_HEAD, title="Spots per frame", title_justify="left",
-                  padding=(0, 1), pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, title=f"Spots of {len(frames)} frames",
+                  title_justify="left", padding=(0, 1), pad_edge=False)
     table.add_column("frame", justify="right", no_wrap=True)
     table.add_column("level", justify="right", no_wrap=True)
     for name, colour in zip(_COUNTED, COLOURS, strict=True):
@@ -62,16 +62,12 @@ def frames_table(frames, limit=None):
             *(_cell(name, value) for name, value in figures.items()),
             Text("; ".join(shown.notes), style="yellow"))
     if hidden:
-        table.add_row("…", *[""] * 7, Text(f"{hidden} more without notes", style="dim"))
+        table.add_row("…", *[""] * 7, Text(f"{hidden} more", style="dim"))
     table.add_section()
-    table.add_row("all", "", *(str(value) for value in totals(frames).values()),
-                  Text(_noted(frames)), style="bold")
-    return table
-
-
-def _noted(frames):
     noted = sum(bool(shown.notes) for shown in frames)
-    return f"{noted} of {len(frames)} with notes" if noted else f"{len(frames)} frames"
+    table.add_row("all", "", *(str(value) for value in totals(frames).values()),
+                  Text(f"{noted} noted" if noted else ""), style="bold")
+    return table
 
 
 def _share(value, digits=2):

@@ -1,0 +1,202 @@
+"""What `make synth-export` writes is legal everywhere, and the design stays small."""
+
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from hdl.export import LEGAL, SV_RESERVED, VHDL_RESERVED, flat_ports
+from scripts import export, size
+from scripts.blocks import BLOCKS, ROOT, TOP, Block, find, present
+from tb.hdlsim import WAIVERS, prepare_environment, require_ghdl
+
+PRESENT = present()
+TWINS = [block for block in PRESENT if block.twin]
+NAMES = [block.name for block in PRESENT]
+
+
+@pytest.fixture(scope="session")
+def exported():
+    """The folder of a whole export, one for each worker."""
+    folder = ROOT / "build" / "test" / f"export-{os.environ.get('PYTEST_XDIST_WORKER', 'main')}"
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    export.export(folder)
+    return folder
+
+
+def text_of(exported, block):
+    return (exported / "verilog" / f"{block.name}.v").read_text()
+
+
+def test_every_component_is_listed():
+    assert set(PRESENT) == {*BLOCKS, TOP}
+
+
+def test_unknown_block_is_refused():
+    with pytest.raises(LookupError, match="There is no block 'nonesuch'; there are: .*labelling"):
+        find("nonesuch")
+
+
+def test_block_is_found_by_its_path():
+    assert find("hdl/preprocessing/binarise.py") == Block("binarise", "preprocessing")
+
+
+@pytest.mark.parametrize("block", PRESENT, ids=NAMES)
+def test_port_names_are_legal(exported, block):
+    found = export.ports(text_of(exported, block), block.name)
+    names = [port.name for port in found]
+    assert len({name.lower() for name in names}) == len(names)
+    assert block.name not in names
+    for name in names:
+        assert LEGAL.fullmatch(name), name
+        assert name not in VHDL_RESERVED | SV_RESERVED, name
+    assert set(flat_ports(block.component())) <= set(names)
+
+
+@pytest.mark.parametrize("block", PRESENT, ids=NAMES)
+def test_tables_name_every_port_and_memory(exported, block):
+    text = text_of(exported, block)
+    table = (exported / "PORTS.md").read_text()
+    section = re.search(rf"^## {block.name}\n(.*?)(?=^## |\Z)", table, re.M | re.S)[1]
+    listed = re.findall(r"^\| `(\w+)` \| (\w+) \| (\d+) \|", section, re.M)
+    assert sorted(listed) == sorted(
+        (port.name, port.direction, str(port.width)) for port in export.ports(text, block.name))
+    held = export.memories(text)
+    assert len(held) == len(re.findall(r"^  reg [^;=]*\[\d+:\d+\];", text, re.M))
+    table = (exported / "MEMORIES.md").read_text()
+    for memory in held:
+        row = f"| {block.name} | `{memory.module}` | `{memory.name}` | {len(memory.words)} |"
+        assert row in table
+        file = exported / "memory" / memory.file_name
+        assert file.exists() == any(memory.words)
+        if file.exists():
+            comment, *words = file.read_text().splitlines()
+            assert comment.startswith(f"// {memory.module}, {memory.name}: ")
+            assert [int(word, 16) for word in words] == list(memory.words)
+
+
+@pytest.mark.parametrize("block", PRESENT, ids=NAMES)
+def test_verilog_is_clean(exported, block):
+    """Nothing but what Amaranth's way of writing Verilog explains is waived."""
+    prepare_environment()
+    file = exported / "verilog" / f"{block.name}.v"
+    answer = subprocess.run(
+        ["verilator", "--lint-only", "-Wall", "-Wno-DECLFILENAME", "--top-module", block.name,
+         WAIVERS, file], capture_output=True, text=True)
+    assert answer.returncode == 0 and not answer.stderr, answer.stderr
+
+
+@pytest.mark.parametrize("standard", ["93", "08"])
+@pytest.mark.parametrize("block", TWINS, ids=[block.name for block in TWINS])
+def test_twin_analyses(block, standard, tmp_path):
+    require_ghdl()
+    answer = subprocess.run(
+        ["ghdl", "-a", f"--std={standard}", "--warn-error", f"--workdir={tmp_path}", block.twin],
+        capture_output=True, text=True)
+    assert answer.returncode == 0, answer.stdout + answer.stderr
+
+
+@pytest.mark.parametrize("block", TWINS, ids=[block.name for block in TWINS])
+def test_twin_has_the_same_ports(exported, block):
+    """Same names, directions and order, only standard logic; `clk` and `rst` come first."""
+    text = re.sub(r"--.*", "", block.twin.read_text()).lower()
+    header = re.search(
+        rf"entity {block.name} is(.*?)end\s+(entity\s+)?({block.name})?\s*;", text, re.S)[1]
+    declared = re.findall(
+        r"(\w+(?:\s*,\s*\w+)*)\s*:\s*(in|out)\s+(\w+)", header[header.index("port"):])
+    twin = [(name.strip(), direction, kind) for names, direction, kind in declared
+            for name in names.split(",")]
+    assert {kind for _, _, kind in twin} <= {"std_logic", "std_logic_vector"}
+    wanted = {
+        port.name: "in" if port.direction == "input" else "out"
+        for port in export.ports(text_of(exported, block), block.name)}
+    order = ["clk", "rst", *(name for name in flat_ports(block.component()))]
+    assert [name for name, _, _ in twin] == order
+    assert {name: direction for name, direction, _ in twin} == {"clk": "in", "rst": "in"} | wanted
+    assert (exported / "vhdl" / block.twin.name).read_bytes() == block.twin.read_bytes()
+
+
+def test_inner_modules_need_no_escape(exported):
+    text = text_of(exported, TOP)
+    assert "module \\" not in text
+    assert len(export.modules(text)) > len(BLOCKS) / 2
+
+
+def test_projects_are_written(exported):
+    project = (exported / "ise" / "capsule.tcl").read_text()
+    for value in export.ISE.values():
+        assert value in project
+    libero = (exported / "libero" / "capsule.tcl").read_text()
+    assert "-family {ProASIC3} -die {A3P1000}" in libero and "set_root -module {capsule::" in libero
+    assert export.VIVADO["part"] in (exported / "vivado" / "capsule.tcl").read_text()
+    for project in ("ise", "vivado", "libero"):
+        script = (exported / project / "capsule.tcl").read_text()
+        [source] = re.findall(r"[./\w]+\.v\b", script)
+        assert (exported / project / source).samefile(exported / "verilog" / "capsule.v")
+    for file in exported.rglob("*"):
+        if file.is_file():
+            assert str(ROOT) not in file.read_text(), file
+
+
+def test_export_replaces_the_old_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(export, "present", lambda: (find("binarise"),))
+    folder = tmp_path / "export"
+    folder.mkdir()
+    (folder / "stale").touch()
+    assert export.export(folder) == [find("binarise")]
+    assert not (folder / "stale").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["export"]
+
+
+def test_payload_fields_are_spelt_out():
+    table = export.payloads(find("binarise").component())
+    assert table["i_payload"] == (
+        "grey 7..0, mark.line_end 8, mark.frame_end 9, mark.broken 10")
+
+
+def test_memories_are_read_from_verilog():
+    [memory] = export.memories(
+        "module a.b(x);\n  reg [5:0] words [2:0];\n  initial begin\n    words[0] = 6'h2a;\n"
+        "    words[1] = 6'h00;\n    words[2] = 6'h3f;\n  end\nendmodule\n".replace("a.b", "a_b"))
+    assert memory == export.Memory("a_b", "words", 6, (42, 0, 63))
+    assert export.hexadecimal(memory) == (
+        "// a_b, words: 3 words of 6 bits, first word first, at power-up\n2a\n00\n3f\n")
+
+
+def test_tables_of_cells_are_counted():
+    cells = {"LUT1": 1, "LUT4": 10, "INV": 2, "RAM16X1D": 3, "RAM16X1S": 4, "SRL16E": 5,
+             "FDRE": 6, "FDSE": 7, "MULT18X18": 8, "RAMB16_S36_S36": 9, "MUXCY": 100, "MUXF5": 100}
+    counted = size.summarise(cells)
+    assert [counted[key] for key in size.COLUMNS] == [1 + 10 + 2 + 6 + 4 + 5, 13, 8, 9]
+    assert counted["distributed"] == 10
+
+
+def test_passed_limits_are_told():
+    big = {"lut4": 2701, "mult18x18": 14, "ramb16": 15}
+    assert size.over("capsule", big) == [
+        "capsule takes 2701 lut4, more than its limit of 2700",
+        "capsule takes 15 ramb16, more than its limit of 14"]
+    assert size.over("depth", big) == []
+
+
+def test_synthesis_fault_is_told():
+    with pytest.raises(RuntimeError, match="yosys cannot synthesise faulty: .*syntax error"):
+        size.measure_verilog("module faulty(;", "faulty")
+    for folder in size.BUILD.glob("faulty-*"):
+        shutil.rmtree(folder)
+
+
+@pytest.mark.parametrize("name", sorted(size.LIMITS))
+def test_size_is_within_its_limits(name):
+    """yosys reads the exported Verilog, and what comes out is small and has no latch."""
+    block = find(name)
+    counted = size.measure_verilog(export.verilog(block.component(), name), name)
+    assert size.over(name, counted) == []
+    assert counted["latches"] == 0
+
+
+def test_paths_are_relative_to_the_project():
+    assert Path(export.BUILD).is_relative_to(ROOT) and Path(size.BUILD).is_relative_to(ROOT)

@@ -10,6 +10,7 @@ import tomllib
 
 import pytest
 
+from scripts import setup
 from scripts.blocks import BLOCKS, ROOT, TOP
 
 #: Folders of one machine, put together here so that this file passes its own test.
@@ -134,3 +135,23 @@ def test_setup_names_what_is_missing(program, sentence, tmp_path):
         env={"PATH": str(tmp_path)}, capture_output=True, text=True)
     assert answer.returncode == 1
     assert answer.stderr == sentence + "\n"
+
+
+@pytest.mark.parametrize("ci", ["false", "true"])
+def test_setup_tells_what_is_left_out(ci, monkeypatch, capsys, tmp_path):
+    """Without root GHDL's checks are left out in so many words, which CI does not let pass."""
+    (tmp_path / "stamp").touch()
+    monkeypatch.setattr(setup, "STAMP", tmp_path / "stamp")
+    monkeypatch.setattr(setup, "VENV", tmp_path)
+    (tmp_path / "cyclope-yosys-ready").touch()
+    monkeypatch.setattr(setup.shutil, "which", {"apt-get": "apt-get"}.get)
+    monkeypatch.setattr(setup.os, "geteuid", lambda: 1000)
+    monkeypatch.setenv("CI", ci)
+    if ci == "true":
+        with pytest.raises(SystemExit, match="With CI=true nothing may be left out."):
+            setup.make_test_tools()
+    else:
+        setup.make_test_tools()
+    assert capsys.readouterr().out == (
+        "Left out: the benches of the VHDL twins and their analysis, as ghdl is not installed and "
+        "this is not root and sudo asks for a password; `apt-get install ghdl` brings them.\n")

@@ -24,7 +24,7 @@ COMMANDS = {
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message):
-        self.exit(2, f"cyclope: {message}; see `{self.prog} --help`.\n")
+        raise UserError(f"{message}; see `{self.prog} --help`.")
 
 
 def _parser(wanted):

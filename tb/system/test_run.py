@@ -1,0 +1,364 @@
+"""``cyclope run`` and the demonstration: what they write, and what they refuse."""
+
+import csv
+import fcntl
+import io
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from scripts import accuracy, cli, demo, engine, outputs, run
+from scripts.points import POINT, STATUS
+
+ROOT = Path(__file__).resolve().parents[2]
+CACHE = ROOT / "build" / "test" / "demo"
+
+
+@pytest.fixture(scope="session")
+def prepared():
+    """Capture and calibration of the demonstration, made once for all workers."""
+    CACHE.parent.mkdir(parents=True, exist_ok=True)
+    with open(CACHE.parent / ".demo.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        return demo.prepare(CACHE)
+
+
+@pytest.fixture(scope="session")
+def measured(prepared, tmp_path_factory):
+    """The result of a run of all frames with the model."""
+    capture, calibration = prepared
+    out = tmp_path_factory.mktemp("measured") / "out"
+    assert cli.main(["run", capture, "--calibration", calibration, "--engine", "model", "-o",
+                     out]) == 0
+    return out
+
+
+def frames_of(capture):
+    """The capture's pattern images."""
+    return sorted((capture / "frames").glob("*_ir.png"))
+
+
+def table(path):
+    """Rows of points.csv."""
+    return list(csv.DictReader(io.StringIO((path / "points.csv").read_text())))
+
+
+def model(prepared, targets, out, *options):
+    """Exit status of a run with the model, without pictures."""
+    targets = targets if isinstance(targets, list) else [targets]
+    return cli.main(["run", *targets, "--calibration", prepared[1], "--engine", "model",
+                     "--no-pictures", "-o", out, *options])
+
+
+def test_everything_is_written(measured, prepared):
+    names = {path.name for path in measured.iterdir()}
+    assert names == {"points.csv", "points.ply", "frames", "point_cloud.png", "depth_error.png",
+                     "summary.txt"}
+    count = len(frames_of(prepared[0]))
+    pictures = sorted((measured / "frames").iterdir())
+    assert [path.name for path in pictures] == [f"{index:04}.png" for index in range(count)]
+    for path in [*pictures, measured / "point_cloud.png", measured / "depth_error.png"]:
+        picture = cv2.imread(str(path))
+        assert picture.shape[0] > 288 and picture.std() > 5, path
+    text = (measured / "summary.txt").read_text()
+    assert "mean error" in text and "dropped" in text
+    assert [path.name for path in measured.parent.iterdir()] == ["out"]
+
+
+def test_table_and_cloud_agree(measured, prepared):
+    text = (measured / "points.csv").read_text()
+    assert text.startswith("frame,beam,u_px,v_px,area_px,x_mm,y_mm,z_mm,status\n")
+    rows = table(measured)
+    ok = [row for row in rows if row["status"] == "ok"]
+    assert len(ok) > 250 and {row["status"] for row in rows} <= set(STATUS)
+    for row in rows:
+        values = [row[name] for name in ("beam", "x_mm", "y_mm", "z_mm")]
+        assert all(values) if row["status"] == "ok" else not any(values)
+        assert 0 <= float(row["u_px"]) <= 351 and 0 <= float(row["v_px"]) <= 287
+    header, body = (measured / "points.ply").read_text().split("end_header\n")
+    assert header.startswith("ply\nformat ascii 1.0\n") and "unit mm" in header
+    assert f"element vertex {len(ok)}" in header
+    properties = [line.split()[-1] for line in header.splitlines() if line.startswith("property")]
+    assert properties == ["x", "y", "z", "beam", "frame", "status", "intensity"]
+    points = [line.split() for line in body.splitlines()]
+    assert [point[:5] for point in points] == [
+        [row[name] for name in ("x_mm", "y_mm", "z_mm", "beam", "frame")] for row in ok]
+    assert all(point[5] == "0" and 0 < int(point[6]) < 256 for point in points)
+
+
+def test_points_project_onto_their_spots(measured, prepared):
+    from calibration import file
+    lens = file.load(prepared[1]).lens
+    ok = [row for row in table(measured) if row["status"] == "ok"]
+    place = np.array([[float(row[name]) for name in ("x_mm", "y_mm", "z_mm")] for row in ok])
+    seen = np.array([[float(row[name]) for name in ("u_px", "v_px")] for row in ok])
+    image, _ = cv2.projectPoints(place, np.zeros(3), np.zeros(3), lens.matrix, lens.coefficients)
+    assert np.abs(image[:, 0] - seen).max() < 0.005
+
+
+def test_accuracy_on_the_polyp(measured, prepared):
+    rows = table(measured)
+    points = np.zeros(len(rows), POINT)
+    for name, column in (("frame", "frame"), ("beam", "beam"), ("z", "z_mm")):
+        points[name] = [float(row[column] or -1) for row in rows]
+    points["status"] = [STATUS.index(row["status"]) for row in rows]
+    truth = accuracy.load_truth(prepared[0] / "truth.csv")
+    found = accuracy.compare(points, truth, np.unique(truth["frame"]))
+    assert found.found >= 0.97 and found.wrong <= 0.005 and found.median < 0.002
+
+
+def test_definitions_of_accuracy():
+    truth = np.zeros(4, accuracy.TRUTH)
+    truth["beam"], truth["z"] = range(4), (100, 50, 80, 90)
+    truth["u"], truth["inside"] = (10, 20, 30, 40), (1, 1, 1, 0)
+    points = np.zeros(5, POINT)
+    points["beam"], points["z"] = (0, 1, 3, 9, -1), (101, 40, 90, 92, np.nan)
+    points["u"], points["status"] = (10, 20, 40, 41, 5), (0, 0, 0, 0, 1)
+    result = accuracy.compare(points, truth, [0, 7])
+    assert result.expected == 3 and result.found == pytest.approx(2 / 3)
+    assert result.wrong == pytest.approx(1 / 4)
+    assert result.mean == pytest.approx((0.01 + 0.2 + 0 + 2 / 90) / 4)
+    assert accuracy.compare(points, truth, [7]) is None
+
+
+def test_first_frame_is_learnt_on_itself(prepared, measured, tmp_path):
+    path = frames_of(prepared[0])[0]
+    assert model(prepared, path, tmp_path / "out") == 0
+    assert table(tmp_path / "out") == [row for row in table(measured) if row["frame"] == "0"]
+
+
+def test_independent_frames_do_not_depend_on_their_order(prepared, tmp_path):
+    paths = frames_of(prepared[0])[:3]
+    for order, name in ((paths, "one"), (paths[::-1], "two")):
+        folder = tmp_path / f"{name} in"
+        folder.mkdir()
+        for index, path in enumerate(order):
+            shutil.copy(path, folder / f"{index}.png")
+        assert model(prepared, folder, tmp_path / name, "--independent") == 0
+
+    def rows(name, frame):
+        return [{**row, "frame": ""} for row in table(tmp_path / name) if row["frame"] == frame]
+
+    for index in range(3):
+        assert rows("one", str(index)) == rows("two", str(2 - index))
+
+
+@pytest.mark.parametrize("names, numbers", [
+    (["0010_ir.png", "0002_ir.png"], [2, 10]), (["3.png", "20.png"], [3, 20]),
+    (["b.png", "a.png"], [0, 1]), (["1.png", "01.png"], [0, 1]), (["7.png", "x.png"], [0, 1])])
+def test_frames_are_numbered(names, numbers, tmp_path):
+    for name in names:
+        (tmp_path / name).touch()
+    entries, truth = run.find_frames([tmp_path])
+    assert [entry.index for entry in entries] == numbers and truth is None
+    if set(numbers) == {0, 1}:
+        assert [entry.path.name for entry in entries] == sorted(names)
+
+
+def test_texture_gives_the_intensity(prepared, tmp_path):
+    image = np.full((288, 352), 77, np.uint8)
+    shutil.copy(frames_of(prepared[0])[0], tmp_path / "0004_ir.png")
+    cv2.imwrite(str(tmp_path / "0004_texture.png"), image)
+    assert model(prepared, tmp_path, tmp_path / "out") == 0
+    body = (tmp_path / "out" / "points.ply").read_text().split("end_header\n")[1].splitlines()
+    assert len(body) > 30
+    assert {tuple(line.split()[i] for i in (4, 6)) for line in body} == {("4", "77")}
+
+
+@pytest.mark.parametrize("grey, note", [(0, "all black"), (255, "all white"), (9, "no spot")])
+def test_frames_without_spots_run(grey, note, prepared, tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    cv2.imwrite(str(folder / "0.png"), np.full((288, 352), grey, np.uint8))
+    cv2.imwrite(str(folder / "1.png"), np.full((288, 352), grey, np.uint8))
+    assert cli.main(["run", folder, "--calibration", prepared[1], "--engine", "model", "-o",
+                     tmp_path / "out"]) == 0
+    assert note in (tmp_path / "out" / "summary.txt").read_text()
+    assert not [row for row in table(tmp_path / "out") if row["status"] == "ok"]
+    assert "element vertex 0" in (tmp_path / "out" / "points.ply").read_text()
+    assert (tmp_path / "out" / "point_cloud.png").exists()
+
+
+def test_more_spots_than_any_queue_holds(prepared, tmp_path):
+    image = np.zeros((288, 352), np.uint8)
+    for row in range(4, 284, 8):
+        for column in range(4, 348, 8):
+            image[row:row + 4, column:column + 4] = 200
+    cv2.imwrite(str(tmp_path / "0.png"), image)
+    assert model(prepared, tmp_path, tmp_path / "out", "--level", "100") == 0
+    assert str(35 * 43) in (tmp_path / "out" / "summary.txt").read_text()
+
+
+def image_file(path, kind):
+    """An image that cannot be measured."""
+    good = np.full((288, 352), 20, np.uint8)
+    if kind == "empty":
+        path.touch()
+    elif kind == "text":
+        path.write_text("this is not an image")
+    elif kind == "truncated":
+        noise = np.random.default_rng(1).integers(0, 256, good.shape, np.uint8)
+        data = cv2.imencode(".png", noise)[1].tobytes()
+        path.write_bytes(data[:len(data) // 2])
+    elif kind == "colour":
+        colour = cv2.merge([good, good, good // 2])
+        cv2.imwrite(str(path), colour)
+    elif kind == "16 bits":
+        cv2.imwrite(str(path), good.astype(np.uint16) * 257)
+    elif kind == "size":
+        cv2.imwrite(str(path), good[:240, :320])
+    elif kind == "folder":
+        path.mkdir()
+
+
+def refused(capsys, tmp_path, out, status):
+    """The one sentence that a refused run leaves, and nothing else."""
+    said = capsys.readouterr().err
+    assert status == 2
+    assert said.startswith("cyclope: ") and said.endswith(".\n") and said.count("\n") == 1, said
+    assert "Traceback" not in said
+    assert not list(tmp_path.rglob("*.part")), "something half-written was left"
+    assert not Path(out).is_dir() or not (Path(out) / "points.csv").exists()
+    return said
+
+
+@pytest.mark.parametrize("kind", ["empty", "text", "truncated", "colour", "16 bits", "size",
+                                  "folder"])
+@pytest.mark.parametrize("place", ["alone", "middle"])
+def test_bad_images_are_refused_by_name(kind, place, prepared, tmp_path, capsys):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    image_file(folder / "0001.png", kind)
+    if place == "middle":
+        for name in ("0000.png", "0002.png"):
+            shutil.copy(frames_of(prepared[0])[0], folder / name)
+    out = tmp_path / "out"
+    said = refused(capsys, tmp_path, out, model(prepared, folder, out))
+    assert "0001.png" in said and not out.exists()
+
+
+@pytest.mark.parametrize("target, words", [
+    ("nowhere.png", "does not exist"), ("nowhere", "does not exist"), ("hollow", "no image")])
+def test_missing_frames_are_refused(target, words, prepared, tmp_path, capsys):
+    (tmp_path / "hollow").mkdir()
+    out = tmp_path / "out"
+    assert words in refused(capsys, tmp_path, out, model(prepared, tmp_path / target, out))
+    assert not out.exists()
+
+
+def test_folder_among_files_is_refused(prepared, tmp_path, capsys):
+    targets = [frames_of(prepared[0])[0], prepared[0]]
+    out = tmp_path / "out"
+    assert "is a folder" in refused(capsys, tmp_path, out, model(prepared, targets, out))
+
+
+@pytest.mark.parametrize("kind", ["missing", "empty", "bit", "version", "text", "folder"])
+def test_bad_calibrations_are_refused(kind, prepared, tmp_path, capsys):
+    path = tmp_path / "calibration.json"
+    data = bytearray(prepared[1].read_bytes())
+    if kind == "bit":
+        data[len(data) // 2] ^= 1
+    elif kind == "version":
+        content = json.loads(data)
+        content["version"] = 99
+        data = json.dumps(content).encode()
+    elif kind == "text":
+        data = b"{}"
+    elif kind == "empty":
+        data = b""
+    if kind == "folder":
+        path.mkdir()
+    elif kind != "missing":
+        path.write_bytes(data)
+    out = tmp_path / "out"
+    status = cli.main(["run", prepared[0], "--calibration", path, "--engine", "model", "-o", out])
+    assert "calibration.json" in refused(capsys, tmp_path, out, status)
+    assert not out.exists()
+
+
+def test_filled_output_is_refused_and_left_alone(prepared, tmp_path, capsys):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "mine.txt").write_text("mine")
+    said = refused(capsys, tmp_path, out, model(prepared, prepared[0], out))
+    assert "already" in said and [path.name for path in out.iterdir()] == ["mine.txt"]
+
+
+def test_empty_output_folder_is_taken(prepared, tmp_path):
+    (tmp_path / "out").mkdir()
+    assert model(prepared, frames_of(prepared[0])[0], tmp_path / "out") == 0
+    assert (tmp_path / "out" / "points.csv").exists()
+
+
+@pytest.mark.parametrize("out", ["file", "file/below", "/proc/cyclope/out"])
+def test_output_that_cannot_be_written_is_refused(out, prepared, tmp_path, capsys):
+    (tmp_path / "file").write_text("mine")
+    out = tmp_path / out
+    refused(capsys, tmp_path, out, model(prepared, prepared[0], out))
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("options", [["--level", "256"], ["--level", "x"], ["--engine", "best"]])
+def test_bad_options_are_refused(options, prepared, tmp_path, capsys):
+    out = tmp_path / "out"
+    said = refused(capsys, tmp_path, out, model(prepared, prepared[0], out, *options))
+    assert options[0] in said and not out.exists()
+
+
+def test_broken_truth_is_refused(prepared, tmp_path, capsys):
+    (tmp_path / "in" / "frames").mkdir(parents=True)
+    shutil.copy(frames_of(prepared[0])[0], tmp_path / "in" / "frames" / "0000_ir.png")
+    (tmp_path / "in" / "truth.csv").write_text("frame,beam\n1,2\n")
+    out = tmp_path / "out"
+    assert "truth.csv" in refused(capsys, tmp_path, out, model(prepared, tmp_path / "in", out))
+
+
+def test_interrupt_leaves_nothing(prepared, tmp_path, capsys, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(outputs, "write_ply", interrupted)
+    assert model(prepared, frames_of(prepared[0])[0], tmp_path / "out") == 130
+    assert "interrupted" in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+def test_without_compiler_the_other_engine_is_named(prepared, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(engine, "BUILD", tmp_path / "native")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    out = tmp_path / "out"
+    status = cli.main(["run", prepared[0], "--calibration", prepared[1], "-o", out])
+    said = refused(capsys, tmp_path, out, status)
+    assert "C++" in said and "--engine model" in said
+
+
+def test_engines_give_the_same_bytes(prepared, measured, tmp_path):
+    out = tmp_path / "out"
+    assert cli.main(["run", prepared[0], "--calibration", prepared[1], "--engine", "rtl",
+                     "--no-pictures", "-o", out]) == 0
+    for name in ("points.csv", "points.ply"):
+        assert (out / name).read_bytes() == (measured / name).read_bytes()
+
+
+def test_help_is_quick_and_complete():
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "scripts.cli", "--help"], cwd=ROOT, text=True,
+        capture_output=True)
+    assert done.returncode == 0
+    assert all(name in done.stdout for name in ("simulate", "calibrate", "run"))
+    assert "numpy" not in done.stderr and "matplotlib" not in done.stderr
+
+
+def test_demo_again_keeps_what_is_there(prepared, capsys):
+    before = prepared[1].stat().st_mtime_ns
+    assert demo.main(CACHE, engine="model") == 0
+    said = capsys.readouterr().out
+    assert "there already" in said and "mean error" in said and "point_cloud.png" in said
+    assert prepared[1].stat().st_mtime_ns == before
+    for name, _ in demo._LEFT:
+        assert (CACHE / name).exists()

@@ -1,9 +1,10 @@
 """Writes every block and the top for other tools: Verilog, VHDL twins, tables, vendor projects.
 
 All of it goes to ``build/export``: ``verilog/`` holds a file a block, with port names that VHDL can
-also spell, ``vhdl/`` the hand-written twins, ``memory/`` what memories hold at power-up,
-``PORTS.md`` and ``MEMORIES.md`` the tables, and ``ise/``, ``vivado/`` and ``libero/`` a project of
-the whole design each. A folder that exists is replaced once the new one is complete.
+also spell, ``vhdl/`` the hand-written twins, ``memory/`` what memories hold at power-up, ``tables/``
+what a calibration loads, ``PORTS.md`` and ``MEMORIES.md`` the tables, and ``ise/``, ``vivado/`` and
+``libero/`` a project of the whole design each. A folder that exists is replaced once the new one is
+complete.
 """
 
 import argparse
@@ -22,7 +23,9 @@ from amaranth.lib import data
 
 from hdl.config import PRESETS
 from hdl.export import flat_ports, to_verilog
+from model.settings import BEAMS, RADIAL, SHARED
 from scripts.blocks import ROOT, TOP, present
+from scripts.errors import UserError
 
 __all__ = ["Memory", "Port", "export", "memories", "ports", "verilog"]
 
@@ -45,6 +48,7 @@ joins the blocks, `MEMORIES.md` what memories hold at power-up.
 | `verilog/` | each block on its own, and `capsule.v`, the whole design in one file |
 | `vhdl/` | hand-written twins, VHDL-93, same ports; generics as the constructor's arguments |
 | `memory/` | contents of the memories that do not start as zeros, a hexadecimal word a line |
+| `tables/` | with `--calibration FILE`: what it loads into registers and tables |
 | `ise/` | project for the {ise[device]}-{ise[package]}{ise[speed]}: `make` there, ISE <= 10.1 |
 | `vivado/` | project for the {vivado[part]}: `make` there |
 | `libero/` | project for the {libero[family]} {libero[die]}: `libero SCRIPT:capsule.tcl` there |
@@ -193,6 +197,22 @@ def hexadecimal(memory):
         + "".join(f"{word:0{digits}x}\n" for word in memory.words))
 
 
+def write_tables(folder, settings):
+    """Write what a calibration loads: a file for each of the chip's memories, and the registers."""
+    folder.mkdir()
+    contents = {}
+    for memory, address, word in settings.table_words():
+        contents.setdefault(memory, {})[address] = word
+    for name, memory in (("shared", SHARED), ("radial", RADIAL), ("beams", BEAMS)):
+        words = contents.get(memory, {})
+        (folder / f"{name}.hex").write_text(
+            f"// table_select {memory}: {len(words)} words, table_address behind the @\n"
+            + "".join(f"@{address:x} {word:x}\n" for address, word in sorted(words.items())))
+    lines = ["| Register | Value |", "|---|---:|"]
+    lines += [f"| `{name}` | {value} |" for name, value in settings.registers().items()]
+    (folder / "REGISTERS.md").write_text("\n".join(["# Registers", "", *lines, ""]))
+
+
 def edalize_project(folder, tool, options):
     """Write a project with edalize, which needs no vendor tool for that."""
     from edalize.edatool import get_edatool
@@ -218,7 +238,7 @@ def libero_project(folder):
         LIBERO, name=TOP.name, source=f"../verilog/{TOP.name}.v"))
 
 
-def export(folder=BUILD, progress=lambda block: None):
+def export(folder=BUILD, progress=lambda block: None, settings=None):
     """Write all of it to ``folder`` and return the blocks that are in it.
 
     Parameters
@@ -227,6 +247,8 @@ def export(folder=BUILD, progress=lambda block: None):
         Where; what was there before is replaced at the end.
     progress : callable
         Is told of each block when it is done.
+    settings : :class:`model.settings.Settings`, optional
+        What the chip is loaded with.
     """
     config = PRESETS["capsule"]
     part = folder.with_name(folder.name + ".part")
@@ -251,6 +273,8 @@ def export(folder=BUILD, progress=lambda block: None):
     (part / "README.md").write_text(README.format(
         name="Cyclope", width=config.width, height=config.height, beams=config.beams,
         lanes=config.lanes, ise=ISE, vivado=VIVADO, libero=LIBERO))
+    if settings is not None:
+        write_tables(part / "tables", settings)
     if TOP.source.exists():
         edalize_project(part / "ise", "ise", ISE)
         edalize_project(part / "vivado", "vivado", VIVADO)
@@ -264,12 +288,24 @@ def main(arguments=None):
     from rich.console import Console
     from rich.progress import Progress
 
+    from calibration.file import load
+
     parser = argparse.ArgumentParser(
         prog="python -m scripts.export", description=__doc__.split("\n")[0])
-    parser.parse_args(arguments)
+    parser.add_argument(
+        "--calibration", metavar="FILE", help="also write what this calibration loads")
+    options = parser.parse_args(arguments)
+    settings = None
+    if options.calibration:
+        try:
+            settings = load(Path(options.calibration)).settings
+        except UserError as error:
+            print(error, file=sys.stderr)
+            return 1
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("Export", total=len(present()))
-        blocks = export(progress=lambda block: progress.advance(task))
+        blocks = export(
+            progress=lambda block: progress.advance(task), settings=settings)
     twins = sum(block.twin is not None for block in blocks)
     print(f"{len(blocks)} blocks, {twins} VHDL twins and the vendor projects are in "
           f"{BUILD.relative_to(ROOT)}; its README.md tells what is what.")

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from hdl.export import LEGAL, SV_RESERVED, VHDL_RESERVED, flat_ports
+from model.settings import BEAMS, RADIAL, SHARED, Settings
 from scripts import export, size
 from scripts.blocks import BLOCKS, ROOT, TOP, Block, find, present
 from tb.hdlsim import WAIVERS, prepare_environment, require_ghdl
@@ -149,6 +150,27 @@ def test_export_replaces_the_old_one(tmp_path, monkeypatch):
     assert export.export(folder) == [find("binarise")]
     assert not (folder / "stale").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["export"]
+
+
+def test_tables_are_what_the_settings_load(tmp_path):
+    settings = Settings(
+        tangential_1=-1, depth=(1, 2, 3), reciprocal=(4,), radial=(5, 6), line=(7,), window=(8,))
+    export.write_tables(tmp_path / "tables", settings)
+    texts = {file.stem: file.read_text() for file in (tmp_path / "tables").glob("*.hex")}
+    read = {
+        memory: re.findall(r"^@(\w+) (\w+)$", texts[name], re.M)
+        for memory, name in ((SHARED, "shared"), (RADIAL, "radial"), (BEAMS, "beams"))}
+    assert [
+        (memory, int(address, 16), int(word, 16)) for memory, words in read.items()
+        for address, word in words] == list(settings.table_words())
+    registers = (tmp_path / "tables" / "REGISTERS.md").read_text()
+    assert "| `tangential_1` | 262143 |" in registers and "| `area_min` | 3 |" in registers
+
+
+def test_bad_calibration_is_told_in_a_sentence(tmp_path, capsys):
+    (tmp_path / "broken.json").write_text("{}")
+    assert export.main(["--calibration", str(tmp_path / "broken.json")]) == 1
+    assert "broken.json" in capsys.readouterr().err
 
 
 def test_payload_fields_are_spelt_out():

@@ -1,0 +1,130 @@
+"""RTL against golden model on whole frames, identical down to the last bit."""
+
+import pickle
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import product
+
+import cv2
+import numpy as np
+import pytest
+
+from hdl.capsule import Capsule
+from hdl.config import Config
+from hdl.export import to_fast_verilog
+from model.capsule import Capsule as Model
+from model.link.packet import encode
+from scripts.decoder import Decoder
+from scripts.engine import RTLEngine
+from tb import hdlsim
+from tb.system import endoscope
+from tb.system.stimuli import any_settings, directed_frames, random_frame, spot_frame
+
+SMALL = Config(width=64, height=64, beams=16, lanes=2)
+CIF = Config(lanes=2)
+MODES = list(product(("off", "erode", "gate"), (False, True)))
+
+
+def expected(settings, config, images):
+    """What the reader gets of ``images``, as the model says it."""
+    model, octets, sequence = Model(settings, config.width, config.height), b"", 0
+    for image in images:
+        some, sequence = encode(model.frame(image), sequence)
+        octets += some
+    return list(Decoder().feed(octets))
+
+
+def shown(settings, config, images, **blanking):
+    """The same from the RTL, the learning frame included."""
+    engine = RTLEngine(settings, config, **blanking)
+    frames = []
+    for image in images:
+        frames += engine._show(image, discard=False)
+    return frames + list(engine._finish())
+
+
+def assert_same(got, wanted, names=None):
+    assert len(got) == len(wanted)
+    for index, (mine, other) in enumerate(zip(got, wanted, strict=True)):
+        name = names[index] if names else index
+        for field in ("number", "level", "learning", "broken", "spots", "ok", "noise",
+                      "ambiguous", "rejected", "dropped"):
+            assert getattr(mine, field) == getattr(other, field), f"frame {name}: {field}"
+        assert np.array_equal(mine.points, other.points), f"frame {name}: points"
+
+
+@pytest.mark.parametrize("erosion,weighted", MODES)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_random_frames_64(erosion, weighted, seed):
+    """6 modes x 2 seeds x 20 frames."""
+    settings = any_settings(64, 64, SMALL.beams, seed, erosion=erosion, weighted=weighted,
+                            area_min=2, area_max=120)
+    images = [random_frame(64, 64, 100 * seed + n) for n in range(20)]
+    got = shown(settings, SMALL, images)
+    assert_same(got, expected(settings, SMALL, images))
+    assert sum(frame.ok for frame in got) > 20
+
+
+@pytest.mark.parametrize("erosion,weighted", MODES)
+def test_directed_frames_64(erosion, weighted):
+    """What breaks such designs, at a fixed level."""
+    frames = directed_frames(64, 64)
+    # Rejected spots are not sent here: some of these frames have a thousand.
+    settings = any_settings(64, 64, SMALL.beams, erosion=erosion, weighted=weighted,
+                            level_fixed=60, area_min=5, area_max=60, report_rejected=False)
+    assert_same(shown(settings, SMALL, frames.values()),
+                expected(settings, SMALL, frames.values()), list(frames))
+
+
+@pytest.mark.parametrize("line,frame", [(0, 1), (7, 40), (48, 3000)])
+def test_blanking_changes_nothing(line, frame):
+    settings = any_settings(64, 64, SMALL.beams, 5)
+    images = [random_frame(64, 64, n) for n in range(4)]
+    assert_same(shown(settings, SMALL, images, line_blanking=line, frame_blanking=frame),
+                expected(settings, SMALL, images))
+
+
+@pytest.mark.parametrize("lanes", [1, 8, 49])
+def test_lanes_change_nothing(lanes):
+    config = replace(CIF, lanes=lanes)
+    settings = any_settings(352, 288, config.beams, 6, area_min=3)
+    images = [spot_frame(352, 288, n, spots=49) for n in range(2)]
+    assert_same(shown(settings, config, images), expected(settings, config, images))
+
+
+@pytest.mark.parametrize("erosion,weighted", MODES)
+def test_frames_352(erosion, weighted):
+    """6 modes x 4 frames of spots, thin noise and blocks."""
+    settings = any_settings(352, 288, CIF.beams, 7, erosion=erosion, weighted=weighted,
+                            area_min=3, report_rejected=False)
+    images = [spot_frame(352, 288, 70 + n, spots=60) for n in range(3)]
+    images.append(random_frame(352, 288, 3))
+    assert_same(shown(settings, CIF, images), expected(settings, CIF, images))
+
+
+@pytest.mark.parametrize("erosion", ["erode", "gate"])
+def test_directed_frames_352(erosion):
+    frames = directed_frames(352, 288)
+    settings = any_settings(352, 288, CIF.beams, erosion=erosion, level_fixed=60, area_min=9,
+                            area_max=80, report_rejected=False)
+    assert_same(shown(settings, CIF, frames.values()),
+                expected(settings, CIF, frames.values()), list(frames))
+
+
+def test_fetoscope_photographs():
+    """Ten photographs of a dot board through a real endoscope: identical to the model, and on
+    three of them every dot within 0.5 px of the reference centres."""
+    photographs = endoscope.photographs()
+    settings = any_settings(352, 288, CIF.beams, level_fixed=endoscope.LEVEL, erosion="gate",
+                            area_min=12, area_max=255)
+    images = [photograph.image for photograph in photographs]
+    got = shown(settings, CIF, images)
+    assert_same(got, expected(settings, CIF, images))
+    for number in (1, 4, 10):
+        photograph = photographs[number - 1]
+        points = got[number - 1].points
+        centres = np.stack([points["u"], points["v"]], axis=-1) / 512
+        error = photograph.errors(centres)
+        assert len(error) == 33, f"frame {number}: {len(error)} of 33 dots"
+        assert np.sqrt(np.mean(error**2)) <= 0.5, f"frame {number}"

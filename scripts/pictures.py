@@ -76,11 +76,11 @@ def _haloed(picture, words, at, colour, size):
 def _legend(picture, shown, top, disabled):
     """Two lines under the frame: what it is, and what the colours mean."""
     words = f"frame {shown.index}    threshold {shown.level}    {shown.spots} spots"
-    if shown.dropped:
-        words += f", {shown.dropped} dropped"
     if shown.notes:
         words += "    " + "; ".join(shown.notes)
-    _text(picture, words, (10, top + 22), _WORDS, 15, 600)
+    size = next((size for size in range(15, 8, -1)
+                 if _width(words, size, 600) < picture.shape[1] - 20), 8)
+    _text(picture, words, (10, top + 22), _WORDS, size, 600)
     left = 10
     for status, (name, colour) in enumerate(zip(STATUS, _SPOT, strict=True)):
         number = np.count_nonzero(shown.points["status"] == status)

@@ -6,6 +6,7 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as pyplot  # noqa: E402
 import numpy as np  # noqa: E402
+from matplotlib.colors import Normalize  # noqa: E402
 from matplotlib.ticker import MaxNLocator  # noqa: E402
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # noqa: E402
 
@@ -22,18 +23,25 @@ def _mesh(axes, points, columns):
     ends = [(place, by_beam[other]) for beam, place in by_beam.items()
             for other in ([beam + 1] if beam % columns < columns - 1 else []) + [beam + columns]
             if other in by_beam]
-    axes.add_collection3d(Line3DCollection(ends, colors="0.55", linewidths=0.7, zorder=1))
+    if ends:
+        axes.add_collection3d(Line3DCollection(ends, colors="0.55", linewidths=0.7, zorder=1))
 
 
-def _view(figure, at, title, points, columns, elevation, azimuth, hidden):
+def _view(figure, at, title, points, columns, elevation, azimuth, hidden, colours=None):
     """One look at some points; axes that are seen end on have no numbers."""
     axes = figure.add_subplot(at, projection="3d", computed_zorder=False)
     if len(np.unique(points["frame"])) == 1:
         _mesh(axes, points, columns)
     scatter = axes.scatter(
-        points["x"], points["z"], points["y"], c=points["z"], cmap=_MAP,
+        points["x"], points["z"], points["y"], c=points["z"], cmap=_MAP, norm=colours,
         s=np.clip(6000 / len(points), 3, 24), depthshade=False, zorder=2)
-    axes.invert_zaxis()
+    # A flat scene seen from the side still needs room for its numbers.
+    middle = [(points[name].min() + points[name].max()) / 2 for name in "xzy"]
+    span = [np.ptp(points[name]) for name in "xzy"]
+    half = [0.55 * max(each, 0.3 * max(span), 1) for each in span]
+    axes.set(xlim=(middle[0] - half[0], middle[0] + half[0]),
+             ylim=(middle[1] - half[1], middle[1] + half[1]),
+             zlim=(middle[2] + half[2], middle[2] - half[2]))
     axes.set_title(title, y=0.98)
     axes.set(xlabel="x, right", ylabel="z, away", zlabel="y, down")
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
@@ -62,18 +70,21 @@ def plot_cloud(path, points, columns):
     frames = np.unique(placed["frame"])
     single = len(frames) <= 1
     figure = pyplot.figure(figsize=(12, 6 if single else 9.5), layout="constrained")
-    figure.suptitle(f"{len(placed)} points of {len(frames)} frame{'s' * (len(frames) != 1)}, "
+    figure.suptitle(f"{len(placed)} point{'s' * (len(placed) != 1)} of {len(frames)} frame{'s' * (len(frames) != 1)}, "
                     "in millimetres, coloured by their distance")
     if not len(placed):
         figure.text(0.5, 0.5, "no points", ha="center", fontsize=20, color="0.5")
         figure.savefig(path, dpi=100)
         pyplot.close(figure)
         return
+    colours = Normalize(placed["z"].min(), placed["z"].max())
     few = frames[np.linspace(0, len(frames) - 1, min(len(frames), 4)).round().astype(int)]
     grid = figure.add_gridspec(1 if single else 2, 12, height_ratios=[1] if single else [3, 2])
     what = f"frame {frames[0]}" if single else "all frames"
-    _view(figure, grid[0, :6], f"{what}, from the camera", placed, columns, 10, -80, "y")
-    scatter = _view(figure, grid[0, 6:], f"{what}, from the side", placed, columns, 8, -8, "x")
+    _view(figure, grid[0, :6], f"{what}, from the camera", placed, columns, 10, -80, "y",
+          colours)
+    scatter = _view(figure, grid[0, 6:], f"{what}, from the side", placed, columns, 8, -8, "x",
+                    colours)
     figure.colorbar(scatter, ax=figure.axes, label="distance z, mm", shrink=0.7, pad=0.03)
     for number, frame in enumerate([] if single else few):
         mine = placed[placed["frame"] == frame]
@@ -108,14 +119,14 @@ def plot_error(path, accuracy, width, height):
         f"wrong {100 * accuracy.wrong:.2f} %")
     left.axhline(0, color="0.6", linewidth=0.8)
     left.scatter(points["z"][right], error[right], s=9, alpha=0.6, linewidths=0,
-                 label=f"{np.count_nonzero(right)} ok points")
+                 label=f"{np.count_nonzero(right)} ok points within {100 * WRONG:.0f} %")
     limit = max(1.3 * np.nanmax(size[right], initial=0.05), 0.05)
     wrong = ~right & np.isfinite(size)
     if wrong.any():
         left.scatter(points["z"][wrong], np.clip(error[wrong], -limit, limit), marker="x", s=40,
                      color="crimson", zorder=3,
-                     label=f"{np.count_nonzero(wrong)} wrong (off by more than "
-                           f"{100 * WRONG:.0f} %, drawn at the edge)")
+                     label=f"{np.count_nonzero(wrong)} wrong (off by more, "
+                           "drawn at the edge)")
     left.set(xlabel="measured distance z, mm", ylabel="error (z - true z) / true z, %",
              ylim=(-1.05 * limit, 1.05 * limit), title="every point")
     left.legend(loc="upper left")

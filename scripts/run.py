@@ -171,7 +171,6 @@ def measure(entries, calibration, engine, independent=False):
     (2-D ``uint8`` array, :class:`scripts.points.Shown`)
     """
     from calibration.capture import read_image
-
     from scripts.points import STATUS, Shown, locate
 
     size = (calibration.width, calibration.height)

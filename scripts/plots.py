@@ -17,6 +17,10 @@ __all__ = ["plot_cloud", "plot_error"]
 _MAP = "viridis_r"
 
 
+def _many(number, what):
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
 def _mesh(axes, points, columns):
     """Join neighbouring beams of one frame, so that the surface can be seen."""
     by_beam = {int(point["beam"]): [point[name] for name in "xzy"] for point in points}
@@ -70,7 +74,7 @@ def plot_cloud(path, points, columns):
     frames = np.unique(placed["frame"])
     single = len(frames) <= 1
     figure = pyplot.figure(figsize=(12, 6 if single else 9.5), layout="constrained")
-    figure.suptitle(f"{len(placed)} point{'s' * (len(placed) != 1)} of {len(frames)} frame{'s' * (len(frames) != 1)}, "
+    figure.suptitle(f"{_many(len(placed), 'point')} of {_many(len(frames), 'frame')}, "
                     "in millimetres, coloured by their distance")
     if not len(placed):
         figure.text(0.5, 0.5, "no points", ha="center", fontsize=20, color="0.5")

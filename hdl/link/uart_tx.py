@@ -4,10 +4,10 @@ from amaranth import *
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-__all__ = ["UartTx"]
+__all__ = ["UARTTransmitter"]
 
 
-class UartTx(wiring.Component):
+class UARTTransmitter(wiring.Component):
     """Sends octets over an asynchronous serial line: start bit, eight bits, stop bit.
 
     The least significant bit goes first. The start bit begins the clock after an octet was taken,

@@ -1,0 +1,1 @@
+"""Slow and obvious answers that the models are held against."""

@@ -22,7 +22,7 @@ demo: setup ## simulate a rig, calibrate it, and measure through the RTL
 	$(BIN)/python -m scripts.demo
 
 sim: tools ## run the whole-frame benches of the top
-	$(PYTEST) tb/system -k capsule
+	$(PYTEST) tb/system/test_frames.py
 
 test: tools ## run ruff and the whole regression
 	$(BIN)/ruff check .

@@ -1,10 +1,10 @@
 """Writes every block and the top for other tools: Verilog, VHDL twins, tables, vendor projects.
 
-All of it goes to ``build/export``: ``verilog/`` holds a file a block, with port names that VHDL can
-also spell, ``vhdl/`` the hand-written twins, ``memory/`` what memories hold at power-up, ``tables/``
-what a calibration loads, ``PORTS.md`` and ``MEMORIES.md`` the tables, and ``ise/``, ``vivado/`` and
-``libero/`` a project of the whole design each. A folder that exists is replaced once the new one is
-complete.
+All of it goes to ``build/export``: ``verilog/`` holds a file a block, with port names that VHDL
+can also spell, ``vhdl/`` the hand-written twins, ``memory/`` what memories hold at power-up,
+``tables/`` what a calibration loads, ``PORTS.md`` and ``MEMORIES.md`` the tables, and ``ise/``,
+``vivado/`` and ``libero/`` a project of the whole design each. A folder that exists is replaced
+once the new one is complete.
 """
 
 import argparse

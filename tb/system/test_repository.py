@@ -11,7 +11,7 @@ import tomllib
 import pytest
 
 from scripts import setup
-from scripts.blocks import BLOCKS, ROOT, TOP
+from scripts.blocks import BLOCKS, ROOT
 
 #: Folders of one machine, put together here so that this file passes its own test.
 MACHINE_PATHS = re.compile("|".join(f"/{name}/" for name in ("work", "root", "home", "tmp")))
@@ -98,10 +98,9 @@ def test_ci_calls_what_the_readme_gives(files):
     assert "run: .ci/run" in files[".github/workflows/ci.yml"]
 
 
-@pytest.mark.parametrize("block", (*BLOCKS, TOP), ids=[block.name for block in (*BLOCKS, TOP)])
+@pytest.mark.parametrize("block", BLOCKS, ids=[block.name for block in BLOCKS])
 def test_every_block_has_a_bench(block):
-    unit = block.unit or "system"
-    assert (ROOT / "tb" / unit / f"test_{block.name}.py").exists()
+    assert (ROOT / "tb" / block.unit / f"test_{block.name}.py").exists()
 
 
 def test_model_and_design_share_no_code(files):

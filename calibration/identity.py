@@ -92,11 +92,11 @@ def _slopes(row, column, vector):
 
 
 def _predict(lens, row, column, vector, inverse_z):
-    """Undistorted places of the beams at 1/z: (..., beams, 2)."""
+    """Undistorted places of the beams at 1/z, one for all or one each: (..., beams, 2)."""
     slope = _slopes(row, column, vector)
     vector = np.asarray(vector)
     base, back = vector[..., None, :2], vector[..., None, 2:3]
-    place = slope + (base - back * slope) * np.asarray(inverse_z)[..., None]
+    place = slope + (base - back * slope) * np.atleast_1d(inverse_z)[:, None]
     return place * lens.focal + np.array([lens.principal_x, lens.principal_y])
 
 
@@ -150,6 +150,8 @@ class _Search:
         self.places = [np.stack([plane.x, plane.y], axis=-1) for plane in planes]
         self.trees = [cKDTree(place) for place in self.places]
         self.inverse_z = np.array([1 / plane.z_mm for plane in planes])
+        self.all_places = np.concatenate(self.places)
+        self.all_inverse_z = np.repeat(self.inverse_z, [len(place) for place in self.places])
         self.start = nominal._vector()
         base = float(np.linalg.norm(nominal.base_mm))
         angle = np.radians(TOLERANCE_ANGLE_DEG)
@@ -166,8 +168,8 @@ class _Search:
     def coarse(self):
         """Starting vectors, best first, by the mean distance of predictions to real spots."""
         angles = np.radians(np.linspace(-1.2, 1.2, 7))
-        grid = np.meshgrid(angles, angles, np.radians([-0.8, 0, 0.8]), [-0.04, -0.02, 0, 0.02, 0.04],
-                           [-0.03, 0, 0.03], indexing="ij")
+        grid = np.meshgrid(angles, angles, np.radians([-0.8, 0, 0.8]),
+                           [-0.04, -0.02, 0, 0.02, 0.04], [-0.03, 0, 0.03], indexing="ij")
         rotation, toe_in, tilt, pitch, base = (axis.ravel() for axis in grid)
         vectors = np.repeat(self.start[None], len(rotation), axis=0)
         vectors[:, :3] *= 1 + base[:, None]
@@ -217,16 +219,24 @@ class _Search:
         return beams
 
     def residuals(self, vector, beams):
-        parts = []
-        for plane, (place, beam) in enumerate(zip(self.places, beams, strict=True)):
-            used = beam >= 0
-            parts.append(self.predict(vector, plane)[beam[used]] - place[used])
-        return np.concatenate(parts)
+        return self._residuals(vector, *self._gather(beams))
+
+    def _gather(self, beams):
+        beam = np.concatenate(beams)
+        used = beam >= 0
+        return (self.row[beam[used]], self.column[beam[used]], self.all_inverse_z[used],
+                self.all_places[used])
+
+    def _residuals(self, vector, row, column, inverse_z, place):
+        return _predict(self.lens, row, column, vector, inverse_z) - place
 
     def solve(self, vector, beams, gate):
         """Least squares; the nominal values weigh in weakly, for what the planes do not tell."""
+        spots = self._gather(beams)
+
         def cost(step):
-            return np.concatenate([self.residuals(vector + step * self.limit, beams).ravel() / 0.5,
+            error = self._residuals(vector + step * self.limit, *spots)
+            return np.concatenate([error.ravel() / 0.5,
                                    ((vector - self.start) / self.limit + step) * 0.1])
         fit = least_squares(cost, np.zeros(7), loss="soft_l1", f_scale=max(1.0, gate / 2),
                             max_nfev=30)
@@ -247,8 +257,11 @@ class _Search:
         return vector, self.assign(vector, 3.0)
 
     def cost(self, vector, beams):
-        """Unexplained spots: a beam without its spot and a spot without a beam count one each, an
-        assigned one by its squared distance, 3 px making one. Then the assigned and missing ones."""
+        """Unexplained spots, and how many are assigned and missing.
+
+        A beam without its spot and a spot without a beam count one each, an assigned one by its
+        squared distance, 3 px making one.
+        """
         square = np.sum(self.residuals(vector, beams) ** 2)
         count = missing = 0
         for plane, beam in enumerate(beams):
@@ -259,6 +272,33 @@ class _Search:
 
     def within(self, vector):
         return bool(np.all(np.abs(vector - self.start) <= self.limit))
+
+
+def _check_border(search, vector, beams):
+    """Refuse spots that continue the mesh beyond a border: then it is numbered wrongly, or larger
+    than it is said to be."""
+    rows, columns = search.nominal.rows, search.nominal.columns
+    row, column = np.arange(-1, rows + 1) - (rows - 1) / 2, np.arange(-1, columns + 1) - (
+        columns - 1) / 2
+    sides = {
+        "above row 0": (np.full(columns, row[0]), column[1:-1]),
+        f"below row {rows - 1}": (np.full(columns, row[-1]), column[1:-1]),
+        "left of column 0": (row[1:-1], np.full(rows, column[0])),
+        f"right of column {columns - 1}": (row[1:-1], np.full(rows, column[-1]))}
+    for side, (side_row, side_column) in sides.items():
+        seen = expected = 0
+        for plane, (place, beam) in enumerate(zip(search.places, beams, strict=True)):
+            virtual = _predict(search.lens, side_row, side_column, vector, search.inverse_z[plane])
+            virtual = virtual[search.inside(virtual)]
+            expected += len(virtual)
+            if (beam < 0).any() and len(virtual):
+                distance, _ = cKDTree(place[beam < 0]).query(virtual)
+                seen += int((distance < 3.0).sum())
+        if seen >= MARGIN_SPOTS and seen > 0.5 * expected:
+            raise UserError(
+                f"The spots of the plane frames continue the {rows} x {columns} mesh {side}: "
+                "correct rows and columns, or toe_in_deg and the other nominal values, in "
+                "capture.toml.")
 
 
 def _shifted(beams, rows, columns, by_row, by_column):
@@ -310,6 +350,7 @@ def identify(planes, nominal, lens):
             f"{nominal.columns} mesh (only {count} of {predicted} expected spots are where a "
             "projector like that puts them): check [projector] in capture.toml and z_mm in "
             "planes.csv, or set another threshold.")
+    _check_border(search, vector, beams)
     fitted = nominal._with(vector)
     if not search.within(vector):
         raise UserError(

@@ -200,19 +200,22 @@ def _errors(data, solution):
             data.y - r[data.beam] - s[data.beam] * data.inverse_z)
 
 
-def _robust(data, strength, passes=12):
+def _robust(data, strength, passes=24):
     """Iteratively reweighted least squares: Huber's weights, outliers left out.
 
     All planes weigh the same. To estimate each plane's noise from its residuals would favour the
     nearest and the farthest: there the fit follows the spots most, so that they look exact.
     """
     weight = np.ones(len(data.x))
-    for _ in range(passes):
+    for step in range(passes):
         solution = _solve(data, weight, strength)
         distance = np.hypot(*_errors(data, solution))
         # The median of a Rayleigh distribution is 1.1774 sigma.
         sigma = max(np.median(distance) / 1.1774, 1e-4)
-        keep = distance <= max(_OUTLIER * sigma, 0.05)
+        # Nothing is left out before Huber's weights have settled: next to a large outlier the
+        # first fit is wrong for the beam's good spots too.
+        reach = max(_OUTLIER * sigma, 0.05) if step >= passes // 2 else np.inf
+        keep = distance <= reach
         huber = np.minimum(1, _HUBER * 1.1774 * sigma / np.maximum(distance, 1e-12))
         weight = np.where(keep, huber, 1e-9)
     return solution, weight, keep

@@ -1,0 +1,94 @@
+"""What a calibration found, on the terminal."""
+
+import math
+
+from rich import box
+from rich.table import Table
+
+__all__ = ["beams_table", "summary_table"]
+
+
+def _table(title):
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1),
+                  pad_edge=False)
+    table.add_column("")
+    return table
+
+
+def _names(names, limit=6):
+    more = f" and {len(names) - limit} more" if len(names) > limit else ""
+    return ", ".join(names[:limit]) + more
+
+
+def summary_table(result):
+    """The figures of a :class:`calibration.calibrate.Result` that one looks at first."""
+    calibration, lens, lines = result.calibration, result.lens_report, result.lines
+    fitted, windows, budget = result.identity.projector, result.windows, calibration.budget
+    table = _table("Calibration")
+    table.add_column("", justify="right", no_wrap=True)
+    table.add_column("meaning", style="dim")
+    left = [f"{len(lens.used)} chessboards used"]
+    if lens.without_board:
+        left.append(f"no whole board in {_names(lens.without_board)}")
+    if lens.outliers:
+        left.append(f"left out as outliers: {_names(lens.outliers)}")
+    camera = calibration.lens
+    table.add_row("lens", f"{lens.rms_px:.3f} px RMS", "; ".join(left))
+    table.add_row("focal length", f"{camera.focal:.2f} px",
+                  f"principal point {camera.principal_u:.2f}, {camera.principal_v:.2f}")
+    table.add_row("distortion", f"{camera.k1:+.4f} {camera.k2:+.4f}",
+                  f"k1 k2; p1 p2 {camera.p1:+.5f} {camera.p2:+.5f}")
+    table.add_section()
+    base = ", ".join(f"{part:.3f}" for part in fitted.base_mm)
+    margin = result.identity.margin
+    table.add_row("spots", f"{100 * result.identity.matched:.1f} %",
+                  f"of those expected in {len(result.planes)} plane frames have their beam; "
+                  + ("no other numbering is possible" if math.isinf(margin) else
+                     f"any other numbering leaves {margin:.0f} more unexplained"))
+    table.add_row("base", f"{base} mm",
+                  f"fitted; pitch {fitted.pitch_deg:.3f}, rotation {fitted.rotation_deg:.2f}, "
+                  f"toe-in {fitted.toe_in_deg:.2f} degrees")
+    table.add_row("lines", f"{lines.rms_px:.3f} px RMS",
+                  f"of the spots from their lines; {lines.outliers} outliers left out")
+    worst = int(lines.residual_v.argmax())
+    table.add_row("worst beam", f"{lines.residual_v[worst]:.3f} px RMS",
+                  f"beam {worst}; fewest planes of a beam {int(lines.planes.min())}")
+    table.add_row("held out", f"{budget['held_out_px']:.3f} px RMS",
+                  "along u, each plane predicted from the others"
+                  f" ({budget['held_out_free_px']:.3f} px with every beam on its own)")
+    smallest = windows.smallest_px
+    table.add_row("line separation",
+                  "none near" if math.isinf(smallest) else f"{smallest:.2f} px",
+                  f"smallest where windows overlap; {windows.smallest_whole_px:.2f} px without "
+                  "windows")
+    table.add_row("depth range", f"{windows.z_min:.0f} to {windows.z_max:.0f} mm",
+                  f"tolerance {windows.tolerance.min():.2f} to {windows.tolerance.max():.2f} px")
+    table.add_row("depth error", f"{100 * budget['expected_depth_relative']:.3f} %",
+                  "mean, expected from the centres' noise over the depth range")
+    table.add_section()
+    table.add_row("centre", f"{budget['centre_px']:.4f} px", "rounding, worst")
+    table.add_row("undistortion", f"{budget['undistortion_px']:.4f} px",
+                  "rounding, worst within the picture")
+    table.add_row("line", f"{budget['line_px']:.4f} px", "rounding, worst within the windows")
+    table.add_row("1/z", f"{budget['depth_relative']:.1e}",
+                  "relative rounding, worst within the windows")
+    return table
+
+
+def beams_table(result):
+    """Residual of every beam along the rows, laid out as the mesh."""
+    calibration, lines = result.calibration, result.lines
+    table = _table("RMS distance of the spots from their line, px (planes)")
+    for column in range(calibration.columns):
+        table.add_column(str(column), justify="right", no_wrap=True)
+    usual = float(sorted(lines.residual_v)[len(lines.residual_v) // 2])
+    for row in range(calibration.rows):
+        cells = []
+        for column in range(calibration.columns):
+            beam = row * calibration.columns + column
+            residual = lines.residual_v[beam]
+            style = "bold red" if residual > 4 * usual else "yellow" if residual > 2 * usual else ""
+            text = f"{residual:.3f} [dim]({int(lines.planes[beam])})[/dim]"
+            cells.append(f"[{style}]{text}[/{style}]" if style else text)
+        table.add_row(str(row), *cells)
+    return table

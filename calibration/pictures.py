@@ -26,12 +26,12 @@ def draw(result):
 
     calibration, lines, windows = result.calibration, result.lines, result.windows
     lens, data = calibration.lens, result.observations
-    figure = Figure(figsize=(15, 9.6), dpi=100, layout="constrained")
+    figure = Figure(figsize=(16, 11.2), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(2, 3, width_ratios=(2.1, 1, 1))
+    grid = figure.add_gridspec(2, 2, height_ratios=(1.7, 1))
     colours = _beam_colours(calibration.projector.beams)
 
-    scene = figure.add_subplot(grid[:, 0])
+    scene = figure.add_subplot(grid[0, 0])
     for beam, colour in enumerate(colours):
         u = np.linspace(windows.low[beam], windows.high[beam], 40)
         image = lens.distort(u, lines.a[beam] * u + lines.b[beam])
@@ -57,27 +57,32 @@ def draw(result):
     where = data.x + lens.principal_x, data.y + lens.principal_y
     error_u = where[0] - (data.inverse_z - lines.beta[data.beam]) / lines.alpha[data.beam]
     error_v = where[1] - lines.a[data.beam] * where[0] - lines.b[data.beam]
-    field = figure.add_subplot(grid[0, 1:])
+    field = figure.add_subplot(grid[0, 1])
     image = lens.distort(*where)
     scale = max(4 * lines.sigma_u, 4 * lines.sigma_v, 1e-3)
     arrows = field.quiver(*image, error_u, error_v, data.inverse_z, angles="xy", width=0.0022,
                           scale_units="xy", scale=scale / 12, cmap="viridis")
-    field.quiverkey(arrows, 0.86, 1.04, scale, f"{scale:.2f} px", labelpos="E")
-    figure.colorbar(arrows, ax=field, label="1/z, 1/mm", shrink=0.8)
+    field.quiverkey(arrows, 0.9, 0.04, scale, f"{scale:.2f} px", labelpos="W")
+    figure.colorbar(arrows, ax=field, label="1/z, 1/mm", shrink=0.7,
+                    location="bottom", pad=0.01, aspect=50)
     field.set(xlim=(-0.5, calibration.width - 0.5), ylim=(calibration.height - 0.5, -0.5),
-              aspect="equal", title="Residuals (u: depth law, v: line)")
+              aspect="equal",
+              title="What is left: along u from the depth law, along v from the line")
 
-    mesh = figure.add_subplot(grid[1, 1])
+    mesh = figure.add_subplot(grid[1, 0])
     residual = lines.residual_v.reshape(calibration.rows, calibration.columns)
     shown = mesh.imshow(residual, cmap="magma", vmin=0)
-    figure.colorbar(shown, ax=mesh, label="px RMS", shrink=0.8)
-    if residual.size <= 100:
+    if residual.size > 100:
+        figure.colorbar(shown, ax=mesh, label="px RMS", shrink=0.8)
+    else:
         for (row, column), value in np.ndenumerate(residual):
             mesh.text(column, row, f"{1000 * value:.0f}", ha="center", va="center", fontsize=7,
                       color="white" if value < 0.6 * residual.max() else "black")
-    mesh.set(xlabel="column", ylabel="row", title="From the line, beam by beam (1/1000 px)")
+    mesh.set(xlabel="column", ylabel="row",
+             title="RMS distance from the line, beam by beam"
+                   + (", 1/1000 px" if residual.size <= 100 else ""))
 
-    depth = figure.add_subplot(grid[1, 2])
+    depth = figure.add_subplot(grid[1, 1])
     relative = 100 * error_u * lines.alpha[data.beam] / data.inverse_z
     depth.scatter(1 / data.inverse_z, relative, s=5, c="0.6", linewidths=0)
     for z in np.unique(1 / data.inverse_z):

@@ -21,8 +21,8 @@ WINDOW_MARGIN_PX = 1.0
 #: What lies outside the depth range must not become a neighbour's point: spots are reckoned with
 #: from the nearest distance over this factor up to infinity.
 NEAR_GUARD = 1.5
-#: Lines must be this far apart where a neighbour's spot can be within a beam's window, in pixels and in standard
-#: deviations of a spot's distance from its line.
+#: Lines must be this far apart where a neighbour's spot can be within a beam's window, in pixels
+#: and in standard deviations of a spot's distance from its line.
 SEPARATION_PX = 1.0
 SEPARATION_SIGMAS = 8.0
 #: A spot farther than this from a line is not its own, however far the next line is.
@@ -211,7 +211,8 @@ def build_tables(lines, windows, columns):
     if len(unreal):
         raise UserError(f"The windows of beams {_named(unreal, columns)} reach beyond infinite "
                         "distance: narrow the depth range (--depth-max).")
-    unit = max(inverse_z.max() / (INVERSE_Z_LIMIT - 2),
+    # Rounding alpha moves 1/z by up to 64 LSB at the end of the widest window.
+    unit = max(inverse_z.max() / (INVERSE_Z_LIMIT - 66),
                np.abs(lines.alpha).max() / PIXEL / (((1 << 17) - 1) / 4096)) * (1 + 1e-9)
     alpha = np.rint(lines.alpha / PIXEL / unit * 4096).astype(np.int64)
     # The rounding of alpha turns the law about one column: where both ends of the window then

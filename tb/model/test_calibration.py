@@ -110,7 +110,7 @@ def test_lens_that_folds_is_refused(focal, k1, k2, folds):
 
 
 def board_views(count, seed=3, fine=4):
-    """Drawn photographs of a 9 x 6 board, seen through a lens; each pixel is fine x fine samples."""
+    """Drawn photographs of a 9 x 6 board, fine x fine samples a pixel."""
     lens = lens_of(RIGS["capsule"])
     rng = np.random.default_rng(seed)
     v, u = (np.mgrid[:lens.height * fine, :lens.width * fine] + 0.5) / fine - 0.5

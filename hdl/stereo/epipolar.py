@@ -94,7 +94,7 @@ class Epipolar(wiring.Component):
 
         # Lines are tried in groups; the spot is taken with the last one. `base` is the first beam
         # of the group.
-        group = Signal(range(self.groups))
+        group = Signal(range(max(2, self.groups)))
         base = Signal(7)
         first = Signal()
         last = Signal()
@@ -120,8 +120,8 @@ class Epipolar(wiring.Component):
             carried.status.eq(Mux(spot.rejected, Status.REJECTED, Status.OK)),
         ]
         waiting = Array(Signal(Match, name=f"waiting_{n}") for n in range(places))
-        put = Signal(range(places))
-        get = Signal(range(places))
+        put = Signal(range(max(2, places)))
+        get = Signal(range(max(2, places)))
         oldest = Signal(Match)
         m.d.comb += oldest.eq(waiting[get])
         with m.If(self.i.valid & self.i.ready):

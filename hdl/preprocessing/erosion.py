@@ -1,0 +1,157 @@
+"""3x3 erosion of the mask."""
+
+from amaranth import *
+from amaranth.lib import data, enum, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from ..payloads import MaskPixel
+
+__all__ = ["Erosion", "ErosionMode"]
+
+_BROKEN = {"mark": {"line_end": 1, "frame_end": 1, "broken": 1}}
+
+
+class ErosionMode(enum.Enum, shape=2):
+    """What the erosion does to a component."""
+
+    OFF = 0
+    ERODE = 1
+    GATE = 2
+
+
+class Erosion(wiring.Component):
+    """Tells which lit pixels have eight lit neighbours; outside the image all is dark.
+
+    In mode *off* every lit pixel is core; in *erode* only the survivors stay lit (the paper's
+    form); in *gate* all stay and the survivors are core.
+
+    A pixel leaves when its lower right neighbour has come: ``width + 1`` pixels later, then one
+    clock. The frame's last row leaves by itself, a pixel a clock, while the next frame may already
+    come in: the walk along the memory is never behind the new pixels. One pixel a clock, frames
+    back to back. A ``broken`` beat throws away the unfinished frame, and leaves once all of the
+    frame before has left.
+
+    One memory of ``width`` words: two rows of mask, one of grey.
+
+    Parameters
+    ----------
+    width : :class:`int`
+        Pixels of a row, 3 to 512.
+
+    Members
+    -------
+    i : :py:`In(stream.Signature(MaskPixel))`
+        Mask after the threshold.
+    o : :py:`Out(stream.Signature(MaskPixel))`
+        Mask after the erosion, in the same order.
+    mode : :py:`In(ErosionMode)`
+        Sampled with each pixel that leaves.
+    """
+
+    def __init__(self, width):
+        if not isinstance(width, int) or not 3 <= width <= 512:
+            raise ValueError(f"Frame width must be an integer from 3 to 512, not {width!r}")
+        self.width = width
+        super().__init__({
+            "i": In(stream.Signature(MaskPixel)),
+            "o": Out(stream.Signature(MaskPixel)),
+            "mode": In(ErosionMode),
+        })
+
+    def elaborate(self, platform):
+        m = Module()
+        columns = range(self.width)
+        Column = data.StructLayout({"lit": 1, "lit_above": 1, "excess": 8})
+
+        m.submodules.rows = rows = Memory(shape=Column, depth=self.width, init=[])
+        write, read = rows.write_port(), rows.read_port()
+
+        go = Signal()  # the output register is free
+        m.d.comb += go.eq(~self.o.valid | self.o.ready)
+
+        # Two sides: pixels that come, and the column of the memory that enters the window. In
+        # ordinary rows both are at the same place. After the frame's last pixel the window walks
+        # on alone, while row 0 of the next frame only fills the memory behind it.
+        column = Signal(columns)
+        first_row = Signal(init=1)
+        walking = Signal()
+        walk = Signal(columns)
+        owed = Signal()  # a broken beat that waits for the frame before
+
+        mark = self.i.p.mark
+        takes, breaks, step = Signal(), Signal(), Signal()
+        at, ahead = Signal(columns), Signal(columns)
+        m.d.comb += [
+            self.i.ready.eq(go & ~(owed & mark.broken)),
+            takes.eq(self.i.valid & self.i.ready & ~mark.broken),
+            breaks.eq(self.i.valid & self.i.ready & mark.broken),
+            step.eq(Mux(walking, go, takes & ~first_row)),
+            at.eq(Mux(walking, walk, column)),
+            ahead.eq(Mux(at == self.width - 1, 0, at + 1)),
+        ]
+        with m.If(takes):
+            m.d.sync += column.eq(Mux(mark.line_end, 0, column + 1))
+            with m.If(mark.line_end):
+                m.d.sync += first_row.eq(mark.frame_end)
+        with m.If(breaks):
+            m.d.sync += [column.eq(0), first_row.eq(1)]
+        with m.If(walking & go):
+            m.d.sync += [walk.eq(ahead), walking.eq(walk != self.width - 1)]
+        with m.If(takes & mark.frame_end):
+            m.d.sync += walking.eq(1)
+
+        # The memory is read a column ahead, from an address that rests while nothing moves.
+        m.d.comb += [
+            read.addr.eq(Mux(step | takes, ahead, at)),
+            write.en.eq(takes),
+            write.addr.eq(column),
+            write.data.lit.eq(self.i.p.lit),
+            write.data.lit_above.eq(read.data.lit & ~first_row),
+            write.data.excess.eq(self.i.p.excess),
+        ]
+
+        # The window: of its right and left column only whether all three pixels are lit.
+        right, centre, left = Signal(), Signal(), Signal()
+        lit, excess = Signal(), Signal(8)
+        line_end, frame_end = Signal(), Signal()  # the centre ends its line, its frame
+        m.d.comb += right.eq(~walking & self.i.p.lit & read.data.lit & read.data.lit_above)
+        with m.If(step):
+            m.d.sync += [
+                left.eq(centre & (at != 0)),
+                centre.eq(right),
+                lit.eq(read.data.lit),
+                excess.eq(read.data.excess),
+                line_end.eq(at == self.width - 1),
+                frame_end.eq(walking & (at == self.width - 1)),
+            ]
+
+        # The centre leaves when the column to its right comes; a line's last pixel with the next
+        # line's first, a frame's last one by itself.
+        core, stays, leaves = Signal(), Signal(), Signal()
+        m.d.comb += [
+            core.eq(lit & ((self.mode == ErosionMode.OFF) | left & centre & right & ~line_end)),
+            stays.eq(Mux(self.mode == ErosionMode.ERODE, core, lit)),
+            leaves.eq(step & ((at != 0) | line_end) | go & frame_end),
+        ]
+        with m.If(go & frame_end & ~step):
+            m.d.sync += [line_end.eq(0), frame_end.eq(0)]
+        with m.If(breaks):
+            with m.If(walking | frame_end):
+                m.d.sync += owed.eq(1)
+            with m.Else():
+                m.d.sync += line_end.eq(0)
+        with m.If(go):
+            m.d.sync += [
+                self.o.valid.eq(leaves),
+                self.o.p.lit.eq(stays),
+                self.o.p.core.eq(core),
+                self.o.p.excess.eq(Mux(stays, excess, 0)),
+                self.o.p.mark.line_end.eq(line_end),
+                self.o.p.mark.frame_end.eq(frame_end),
+                self.o.p.mark.broken.eq(0),
+            ]
+            with m.If(breaks & ~walking & ~frame_end | owed & ~walking & ~frame_end):
+                m.d.sync += [owed.eq(0), self.o.valid.eq(1), self.o.p.eq(MaskPixel.const(_BROKEN))]
+
+        return m

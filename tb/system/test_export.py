@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from hdl.config import PRESETS
 from hdl.export import LEGAL, SV_RESERVED, VHDL_RESERVED, flat_ports
 from model.settings import BEAMS, RADIAL, SHARED, Settings
 from scripts import export, size
@@ -102,21 +103,27 @@ def test_twin_analyses(block, standard, tmp_path):
 
 @pytest.mark.parametrize("block", TWINS, ids=[block.name for block in TWINS])
 def test_twin_has_the_same_ports(exported, block):
-    """Same names, directions and order, only standard logic; `clk` and `rst` come first."""
+    """Same names, directions and widths; `clk` and `rst`, then the members in their order."""
     text = re.sub(r"--.*", "", block.twin.read_text()).lower()
-    header = re.search(
-        rf"entity {block.name} is(.*?)end\s+(entity\s+)?({block.name})?\s*;", text, re.S)[1]
-    declared = re.findall(
-        r"(\w+(?:\s*,\s*\w+)*)\s*:\s*(in|out)\s+(\w+)", header[header.index("port"):])
-    twin = [(name.strip(), direction, kind) for names, direction, kind in declared
-            for name in names.split(",")]
-    assert {kind for _, _, kind in twin} <= {"std_logic", "std_logic_vector"}
-    wanted = {
-        port.name: "in" if port.direction == "input" else "out"
-        for port in export.ports(text_of(exported, block), block.name)}
-    order = ["clk", "rst", *(name for name in flat_ports(block.component()))]
-    assert [name for name, _, _ in twin] == order
-    assert {name: direction for name, direction, _ in twin} == {"clk": "in", "rst": "in"} | wanted
+    header = re.search(rf"entity {block.name} is(.*?)\bend\b", text, re.S)[1]
+    generics = block.arguments(PRESETS["capsule"])
+    twin = []
+    for names, direction, kind, high in re.findall(
+            r"(\w+(?:\s*,\s*\w+)*)\s*:\s*(in|out)\s+(\w+)(?:\s*\((.*?)\s+downto\s+0\))?",
+            header[header.index("port"):]):
+        assert kind == ("std_logic_vector" if high else "std_logic")
+        width = eval(high, {}, generics) + 1 if high else 1
+        twin += [
+            export.Port(name.strip(), f"{direction}put", width) for name in names.split(",")]
+    wanted = export.ports(text_of(exported, block), block.name)
+    clock = [export.Port("clk", "input", 1), export.Port("rst", "input", 1)]
+    assert set(twin) == {*wanted, *clock}
+
+    def members(names):
+        return list(dict.fromkeys(re.sub("_(valid|ready|payload)$", "", name) for name in names))
+
+    assert members(port.name for port in twin) == [
+        "clk", "rst", *members(flat_ports(block.component()))]
     assert (exported / "vhdl" / block.twin.name).read_bytes() == block.twin.read_bytes()
 
 

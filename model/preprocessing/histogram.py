@@ -1,0 +1,45 @@
+"""Histogram of the part of a frame that the threshold is learnt from."""
+
+import numpy as np
+
+__all__ = ["BIN_LIMIT", "counted_rows", "histogram"]
+
+#: A bin counts up to here.
+BIN_LIMIT = (1 << 17) - 1
+#: Clocks in which the bins are cleared, and in which the threshold is found.
+_CLEAR, _FIND = 260, 576
+
+
+def counted_rows(width, height):
+    """First row that is counted, and the first one after it that is not.
+
+    The bins are cleared while the first rows of the frame pass, and read while its last rows
+    pass, so that the level is there for the next frame's first pixel, without any blanking.
+
+    Raises
+    ------
+    ValueError
+        If no row is left.
+    """
+    first, stop = -(-_CLEAR // width), height - -(-_FIND // width)
+    if stop <= first:
+        raise ValueError(f"A frame of {width} x {height} pixels is too small to learn a threshold "
+                         f"from: it must have more than {first + height - stop} rows")
+    return first, stop
+
+
+def histogram(frame):
+    """Pixels of each grey value in the counted rows, at most :data:`BIN_LIMIT`.
+
+    Parameters
+    ----------
+    frame : array (height, width) of uint8
+        Grey values.
+
+    Returns
+    -------
+    array of 256 int64
+        Counts.
+    """
+    first, stop = counted_rows(frame.shape[1], frame.shape[0])
+    return np.minimum(np.bincount(frame[first:stop].ravel(), minlength=256), BIN_LIMIT)

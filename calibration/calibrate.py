@@ -1,0 +1,182 @@
+"""From photographs and plane frames to a calibration: the steps in their order."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calibration.file import Beam, Calibration
+from calibration.identity import Identity, identify
+from calibration.lens import LensReport, calibrate_lens
+from calibration.lines import BeamLines, Observations, check_planes, fit_lines
+from calibration.reciprocal import reciprocal_table
+from calibration.spots import find_spots
+from calibration.tables import Tables, Windows, build_tables, choose_windows
+from calibration.undistortion import undistortion_settings
+from model.preprocessing.centre import centres
+from model.preprocessing.spot_queue import QUEUED_DTYPE
+from model.settings import Settings
+from model.stereo.undistort import undistort
+from scripts.errors import UserError
+
+__all__ = ["Options", "Result", "calibrate", "calibrate_beams", "with_lens"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user may choose; the defaults are those of the chip.
+
+    Parameters
+    ----------
+    settings : :class:`model.settings.Settings`
+        Threshold, erosion, weighting and area limits; its tables are replaced.
+    depth_min, depth_max : :class:`float` or None
+        Depth range in mm; that of the plane frames if None.
+    """
+
+    settings: Settings = field(default_factory=Settings)
+    depth_min: float | None = None
+    depth_max: float | None = None
+
+
+@dataclass(frozen=True)
+class Result:
+    """A calibration and all that led to it."""
+
+    calibration: Calibration
+    lens_report: LensReport
+    planes: tuple = field(repr=False)
+    identity: Identity = field(repr=False)
+    observations: Observations = field(repr=False)
+    lines: BeamLines = field(repr=False)
+    windows: Windows = field(repr=False)
+    tables: Tables = field(repr=False)
+
+
+def _undistortion_error(lens, settings):
+    """Largest distance between the chip's undistorted centres and the lens in float, in px.
+
+    Over the picture, a place every two pixels and off the grid, where the chip has an answer.
+    """
+    u = np.arange(0, lens.width - 1, 2) * 512 + 137
+    v = np.arange(0, lens.height - 1, 2) * 512 + 331
+    u, v = (grid.ravel() for grid in np.meshgrid(u, v))
+    x, y, inside = undistort(u, v, settings, lens.width, lens.height)
+    inside = np.asarray(inside, bool)
+    exact_x, exact_y = lens.undistort(u / 512, v / 512)
+    error = np.hypot(np.asarray(x) / 512 - exact_x, np.asarray(y) / 512 - exact_y)
+    return float(error[inside].max())
+
+
+def _centre_error(table, size):
+    """Largest error of the chip's division in px, over all weights and a sample of places."""
+    weight = np.tile(np.arange(1, 65281), 8)
+    place = np.random.default_rng(1).random(len(weight)) * (size - 1)
+    spots = np.zeros(len(weight), QUEUED_DTYPE)
+    spots["weight"] = weight
+    spots["sum_u"] = spots["sum_v"] = np.rint(weight * place)
+    u, _ = centres(spots, table)
+    return float(np.abs(u / 512 - spots["sum_u"] / weight).max())
+
+
+def with_lens(settings, lens):
+    """Settings with the reciprocal table and the lens's undistortion."""
+    return replace(settings, reciprocal=tuple(reciprocal_table()),
+                   **undistortion_settings(lens))
+
+
+def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
+    """Everything after the spots: identity, lines, windows, tables.
+
+    Parameters
+    ----------
+    planes : sequence of :class:`calibration.identity.PlaneSpots`
+        Spots of all plane frames.
+    nominal : :class:`calibration.identity.Projector`
+        Nominal mesh.
+    lens, lens_report
+        From :func:`calibration.lens.calibrate_lens`.
+    options : :class:`Options`
+        The user's choices.
+    settings : :class:`model.settings.Settings`
+        With everything but the stereo unit's tables.
+
+    Returns
+    -------
+    :class:`Result`
+    """
+    distances = [plane.z_mm for plane in planes]
+    z_min = min(distances) if options.depth_min is None else options.depth_min
+    z_max = max(distances) if options.depth_max is None else options.depth_max
+    if not 0 < z_min < z_max:
+        raise UserError(f"The depth range {z_min:g} to {z_max:g} mm is empty: --depth-min must be "
+                        "positive and less than --depth-max.")
+    identity = identify(planes, nominal, lens)
+    observations = Observations.of(planes, identity, lens)
+    check_planes(observations, nominal.columns)
+    lines = fit_lines(observations, lens)
+    windows = choose_windows(lines, nominal.columns, z_min, z_max)
+    tables = build_tables(lines, windows, nominal.columns)
+    settings = replace(settings, line=tables.line, window=tables.window, depth=tables.depth)
+
+    # Mean of a normal error's size is 0.8 sigma; 1/z is met evenly over the range.
+    depth = 1 / np.linspace(1 / z_max, 1 / z_min, 65)
+    expected = 0.798 * lines.sigma_u * np.abs(lines.alpha).mean() * depth.mean()
+    budget = {
+        "lens_px": lens_report.rms_px, "lines_px": lines.rms_px,
+        "sigma_u_px": lines.sigma_u, "sigma_v_px": lines.sigma_v,
+        "held_out_px": lines.held_out_px[lines.strength],
+        "held_out_free_px": lines.held_out_px[0.0],
+        "separation_px": windows.smallest_px if np.isfinite(windows.smallest_px) else None,
+        "expected_depth_relative": float(expected),
+        "centre_px": _centre_error(settings.reciprocal, lens.width),
+        "undistortion_px": _undistortion_error(lens, settings),
+        "line_px": tables.line_px, "depth_relative": tables.depth_relative}
+    beams = tuple(
+        Beam(a=float(lines.a[beam]), b=float(lines.b[beam]), alpha=float(lines.alpha[beam]),
+             beta=float(lines.beta[beam]), u_min=float(windows.low[beam]),
+             u_max=float(windows.high[beam]), tolerance=float(windows.tolerance[beam]),
+             separation=float(windows.separation[beam])
+             if np.isfinite(windows.separation[beam]) else None,
+             residual_u=float(lines.residual_u[beam]), residual_v=float(lines.residual_v[beam]),
+             planes=int(lines.planes[beam]))
+        for beam in range(nominal.beams))
+    calibration = Calibration(
+        lens=lens, projector=identity.projector, beams=beams, settings=settings,
+        inverse_z_unit=tables.inverse_z_unit, z_min=float(z_min), z_max=float(z_max),
+        budget=budget)
+    return Result(calibration=calibration, lens_report=lens_report, planes=tuple(planes),
+                  identity=identity, observations=observations, lines=lines, windows=windows,
+                  tables=tables)
+
+
+def calibrate(capture, options, progress=None):
+    """The whole calibration of a capture.
+
+    Parameters
+    ----------
+    capture : :class:`calibration.capture.Capture`
+        Nominal values, chessboard photographs and plane frames.
+    options : :class:`Options`
+        The user's choices.
+    progress : callable or None
+        Called with a phase, how many of its pictures are done, and how many there are.
+
+    Returns
+    -------
+    :class:`Result`
+    """
+    def counted(phase, images):
+        for number, image in enumerate(images):
+            if progress:
+                progress(phase, number, len(images))
+            yield image
+        if progress:
+            progress(phase, len(images), len(images))
+
+    lens, lens_report = calibrate_lens(
+        counted("chessboards", capture.lens_images()), capture.board_columns, capture.board_rows,
+        capture.square_mm, capture.focal_px)
+    settings = with_lens(options.settings, lens)
+    planes = [find_spots(name, z_mm, image, settings, lens)
+              for name, z_mm, image in counted("plane frames", capture.plane_images())]
+    return calibrate_beams(planes, capture.projector, lens, lens_report, options, settings)

@@ -69,93 +69,81 @@ class Packet(wiring.Component):
         info = View(FrameInfo, self.info.payload)
         m.submodules.crc = crc = CRC(data_width=1).create()
 
-        summary = Signal()  # a frame's summary, not points
-        head, body = Signal(), Signal()  # where we are; the CRC comes after both
-        place = Signal(8)  # bit within the head, point, summary (its head included) or CRC
+        # What is being sent: the head, a point, the rest of a summary, or the check.
+        head, body, summary, check = Signal(), Signal(), Signal(), Signal()
+        is_summary = Signal()
+        place = Signal(3)  # bit of the octet
+        index = Signal(5)  # octet of the head and summary, of the point, or of the check
         octet = Signal(8)
-        escaped = Signal()
-        wire = Signal(range(WIRE_LIMIT + 1))  # octets on the wire
-        between = Signal()  # a point was just sent
-        closing = Signal()
+        shift = Signal()
         bad_sync, overrun = Signal(8), Signal(8)
 
-        # Counters that go round a bit at a time, so that one adder serves them all: the packet's
-        # number while it is sent, the count of a point's status while the point's first two
-        # octets are sent, and in a summary the sum of both counts of rejected spots.
+        # Counters go round a bit at a time: the packet's number while it is sent, the counts of
+        # points by status while the first two octets of a point are. In a summary the four leave
+        # as one chain, zeros following, and the last one is added to the other count of rejected
+        # spots on the way.
         number = Signal(8)
         by_status = [Signal(16, name=f"status_{status}") for status in range(4)]
-        counted = Signal(4)
-        for status in range(4):
-            m.d.comb += counted[status].eq(~summary & (point.status.as_value() == status))
-        term, other, carry, carry_in, total = Signal(), Signal(), Signal(), Signal(), Signal()
-        fresh = Signal()
+        first_bit = Signal()
+        carry, carry_in = Signal(), Signal()
+        own = Signal()
+        rejected = Signal()
+        at_16 = Cat(place, index[0])
         m.d.comb += [
-            fresh.eq((place[:3] == 0) & (head | ~place[3])),
-            carry_in.eq(Mux(fresh, head | ~summary, carry)),
-            total.eq(term ^ other ^ carry_in),
+            first_bit.eq((place == 0) & (head | ~index[0])),
+            carry_in.eq(Mux(first_bit, ~summary, carry)),
+            own.eq(Mux(head, number[0], Mux(
+                body, Cat(bits[0] for bits in by_status).bit_select(point.status.as_value(), 1),
+                by_status[0][0]))),
+            rejected.eq(counts.rejected.bit_select(at_16, 1) & summary),
         ]
-        with m.If(head):
-            m.d.comb += term.eq(number[0])
-        with m.Elif(summary):
-            m.d.comb += [
-                term.eq(by_status[3][0]),
-                other.eq(counts.rejected.bit_select(place[:4], 1)),
-            ]
-        with m.Else():
-            m.d.comb += term.eq(Cat(bits[0] for bits in by_status).bit_select(
-                point.status.as_value(), 1))
+        with m.If(shift):
+            m.d.sync += carry.eq((own & carry_in) | (rejected & (own | carry_in)))
+            with m.If(head & (index == 1)):
+                m.d.sync += number.eq(Cat(number[1:], number[0] ^ carry_in))
+            with m.If((body & (index[1:] == 0)) | (summary & self._is_status(index))):
+                for status, bits in enumerate(by_status):
+                    after = by_status[status + 1][0] if status < 3 else 0
+                    counted = (point.status.as_value() == status) & carry_in
+                    m.d.sync += bits.eq(Cat(bits[1:], Mux(summary, after, bits[0] ^ counted)))
 
         # The bit to send.
         bit = Signal()
-        kind = Mux(summary, C(_TYPE_FRAME, 8), C(_TYPE_POINTS, 8))
-        low, high = place[:3], place[3:]
-        with m.If(head), m.Switch(high[:2]):
-            with m.Case(0):
-                m.d.comb += bit.eq(kind.bit_select(low, 1))
-            with m.Case(1):
-                m.d.comb += bit.eq(number[0])
-            with m.Default():
-                m.d.comb += bit.eq(info.number.bit_select(place[:4], 1))
-        with m.Elif(body & ~summary):
-            m.d.comb += bit.eq(self.i.payload.as_value()[1:].bit_select(place[:7], 1))
-        with m.Elif(body), m.Switch(high):
-            for at, field in enumerate([
-                    info.level, Cat(info.learning, counts.broken), info.skipped,
-                    C(FORMAT_VERSION, 8)], 4):
-                with m.Case(at):
-                    m.d.comb += bit.eq(field.bit_select(low, 1))
-            for at, field in [(8, counts.spots), (18, counts.dropped)]:
-                with m.Case(at, at + 1):
-                    m.d.comb += bit.eq(field.bit_select(place[:4], 1))
-            for status in range(3):
-                with m.Case(10 + 2 * status, 11 + 2 * status):
-                    m.d.comb += bit.eq(by_status[status][0])
-            with m.Case(16, 17):
-                m.d.comb += bit.eq(total)
-            with m.Case(20):
-                m.d.comb += bit.eq(bad_sync.bit_select(low, 1))
-            with m.Case(21):
-                m.d.comb += bit.eq(overrun.bit_select(low, 1))
-        with m.Else():
+        fields = Cat(
+            Mux(is_summary, C(_TYPE_FRAME, 8), C(_TYPE_POINTS, 8)), number[0].replicate(8),
+            info.number, info.level, info.learning, counts.broken, C(0, 6), info.skipped,
+            C(FORMAT_VERSION, 8), counts.spots, by_status[0][0].replicate(48),
+            (by_status[0][0] ^ rejected ^ carry_in).replicate(16), counts.dropped, bad_sync,
+            overrun)
+        with m.If(body):
+            m.d.comb += bit.eq(self.i.payload.as_value()[1:].bit_select(Cat(place, index[:4]), 1))
+        with m.Elif(check):
             m.d.comb += bit.eq(crc.crc[0])
+        with m.Else():
+            m.d.comb += bit.eq(fields.bit_select(Cat(place, index), 1))
 
         # A CRC that is fed with what it sends, inverted, shifts out unchanged.
-        m.d.comb += crc.data.eq(bit ^ ~(head | body))
+        m.d.comb += [
+            crc.valid.eq(shift),
+            crc.data.eq(bit ^ check),
+        ]
+        with m.If(shift):
+            m.d.sync += [octet.eq(Cat(octet[1:], bit)), place.eq(place + 1)]
 
-        last_bit = Signal()
-        last_of_body = Signal()
-        m.d.comb += last_of_body.eq(
-            body & ~head & (place == Mux(summary, 8 * _SUMMARY_OCTETS - 1, 8 * _POINT_OCTETS - 1)))
-
-        more = Signal()  # another point, and room for it
-        m.d.comb += more.eq(~point.end & (wire <= _ROOM))
+        sent = Signal()  # an octet has been taken, its escape too
+        special, escaped, closing = Signal(), Signal(), Signal()
+        wire = Signal(range(WIRE_LIMIT + 1))  # octets on the wire
+        m.d.comb += special.eq((octet[2:] == _FLAG >> 2) & (octet[0] ^ octet[1]))
+        with m.If(self.o.valid & self.o.ready):
+            m.d.sync += wire.eq(wire + 1)
 
         with m.FSM():
             with m.State("IDLE"):
                 m.d.comb += crc.start.eq(1)
                 m.d.sync += [
-                    summary.eq(point.end), head.eq(1), body.eq(1), place.eq(0), wire.eq(0),
-                    closing.eq(0), bad_sync.eq(self.bad_sync), overrun.eq(self.overrun),
+                    head.eq(1), is_summary.eq(point.end), check.eq(0), closing.eq(0),
+                    index.eq(0), wire.eq(0),
+                    bad_sync.eq(self.bad_sync), overrun.eq(self.overrun),
                 ]
                 with m.If(self.i.valid & self.info.valid & (~point.end | self.counts.valid)):
                     m.next = "FLAG"
@@ -163,69 +151,52 @@ class Packet(wiring.Component):
             with m.State("FLAG"):
                 m.d.comb += [self.o.valid.eq(1), self.o.payload.eq(_FLAG)]
                 with m.If(self.o.ready):
+                    m.next = "SHIFT"
                     with m.If(closing):
                         m.next = "IDLE"
-                    with m.Else():
-                        m.next = "SHIFT"
 
             with m.State("SHIFT"):
-                m.d.comb += [crc.valid.eq(1), last_bit.eq(place[:3] == 7)]
-                m.d.sync += [
-                    octet.eq(Cat(octet[1:], bit)),
-                    carry.eq((term & other) | (carry_in & (term | other))),
-                    place.eq(place + 1),
-                ]
-                with m.If(head & (high == 1)):
-                    m.d.sync += number.eq(Cat(number[1:], total))
-                for status in range(4):
-                    bits = by_status[status]
-                    with m.If(~head & body & Mux(summary, high[1:] == 5 + status, high[1:] == 0)):
-                        m.d.sync += bits.eq(Cat(
-                            bits[1:], Mux(counted[status], total, bits[0] & ~summary)))
-                with m.If(last_bit):
+                m.d.comb += shift.eq(1)
+                with m.If(place == 7):
                     m.next = "OCTET"
-                    with m.If(head & (high == _HEAD_OCTETS - 1)):
-                        m.d.sync += head.eq(0)
-                        with m.If(~summary):
-                            m.d.sync += place.eq(0)
-                    with m.If(~body & (high == _CRC_OCTETS - 1)):
-                        m.d.sync += closing.eq(1)
-                with m.If(last_of_body):
-                    m.d.comb += self.i.ready.eq(1)
-                    m.d.sync += place.eq(0)
-                    with m.If(summary):
-                        m.d.comb += [self.counts.ready.eq(1), self.info.ready.eq(1)]
-                        m.d.sync += body.eq(0)
-                    with m.Else():
-                        m.d.sync += between.eq(1)
 
             with m.State("OCTET"):
-                special = octet[2:] == _FLAG >> 2
-                special &= octet[0] ^ octet[1]
                 m.d.comb += self.o.valid.eq(1)
                 m.d.comb += self.o.payload.eq(octet)
-                with m.If(special):
-                    m.d.comb += self.o.payload.eq(
-                        Mux(escaped, octet ^ _ESCAPE_XOR, _ESCAPE))
+                with m.If(special & ~escaped):
+                    m.d.comb += self.o.payload.eq(_ESCAPE)
+                with m.Elif(special):
+                    m.d.comb += self.o.payload.eq(octet ^ _ESCAPE_XOR)
+                m.d.comb += sent.eq(self.o.ready & (~special | escaped))
                 with m.If(self.o.ready):
-                    with m.If(special & ~escaped):
-                        m.d.sync += escaped.eq(1)
-                    with m.Else():
-                        m.d.sync += escaped.eq(0)
-                        with m.If(closing):
-                            m.next = "FLAG"
-                        with m.Elif(between):
-                            m.next = "BETWEEN"
-                        with m.Else():
-                            m.next = "SHIFT"
+                    m.d.sync += escaped.eq(special & ~escaped)
+                with m.If(sent):
+                    m.d.sync += index.eq(index + 1)
+                    m.next = "SHIFT"
+                    with m.If(head & (index == _HEAD_OCTETS - 1)):
+                        m.d.sync += [head.eq(0), summary.eq(is_summary), body.eq(~is_summary)]
+                        with m.If(~is_summary):
+                            m.d.sync += index.eq(0)
+                    with m.If(body & (index == _POINT_OCTETS - 1)):
+                        m.d.comb += self.i.ready.eq(1)
+                        m.d.sync += index.eq(0)
+                        m.next = "BETWEEN"
+                    with m.If(summary & (index == _SUMMARY_OCTETS - 1)):
+                        m.d.comb += [
+                            self.i.ready.eq(1), self.counts.ready.eq(1), self.info.ready.eq(1)]
+                        m.d.sync += [index.eq(0), summary.eq(0), check.eq(1)]
+                    with m.If(check & (index == _CRC_OCTETS - 1)):
+                        m.d.sync += closing.eq(1)
+                        m.next = "FLAG"
 
             with m.State("BETWEEN"), m.If(self.i.valid):
-                m.d.sync += between.eq(0)
-                with m.If(~more):
-                    m.d.sync += body.eq(0)
                 m.next = "SHIFT"
-
-        with m.If(self.o.valid & self.o.ready):
-            m.d.sync += wire.eq(wire + 1)
+                with m.If(point.end | (wire > _ROOM)):
+                    m.d.sync += [body.eq(0), check.eq(1)]
 
         return m
+
+    @staticmethod
+    def _is_status(index):
+        """The octets of a summary that come from the counts by status."""
+        return (index >= 10) & (index < 18)

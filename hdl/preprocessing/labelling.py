@@ -33,11 +33,12 @@ class Labelling(wiring.Component):
         Run = unsigned(run_bits)
         Entry = data.StructLayout({"connected": 1, "joined": 1, "head": Run, "tail": Run})
         Record = data.StructLayout({"tail": Run, "features": Features})
-        size = 1 << (self.width + self.width // 4 + 1).bit_length()
+        depth_bits = (self.width // 4 + 1).bit_length()
+        half = max(depth_bits, (self.width - 1).bit_length())
 
         m.submodules.records = records = Memory(shape=Record, depth=2 << run_bits, init=[])
         m.submodules.carried = carried = Memory(shape=1, depth=2 << run_bits, init=[])
-        m.submodules.rows = rows = Memory(shape=Entry, depth=size, init=[])
+        m.submodules.rows = rows = Memory(shape=Entry, depth=2 << half, init=[])
         record_write, record_read = records.write_port(), records.read_port()
         carried_write, carried_read = carried.write_port(), carried.read_port()
         row_write, row_read = rows.write_port(), rows.read_port()
@@ -66,7 +67,7 @@ class Labelling(wiring.Component):
             broken.eq(self.i.valid & accept & mark.broken),
             step_a.eq(Mux(walking, ~step_b | (walk == column), step_b & ~first_row)),
             last_a.eq(Mux(walking, walk == self.width - 1, mark.line_end)),
-            row_write.addr.eq(Mux(step_b, column, walk)),
+            row_write.addr.eq(Cat(Mux(step_b, column, walk), C(0, half + 1))),
             row_read.addr.eq(row_write.addr),
             row_write.data.eq(self.i.p.lit),
             row_write.en.eq(go & step_b),
@@ -93,8 +94,9 @@ class Labelling(wiring.Component):
         # Stage 1: decide.
         at_b, at_a, end_b, end_a, linkable, clear_b, clear_a = (Signal() for _ in range(7))
         finished, lost = Signal(), Signal()
-        lit, core, excess = Signal(), Signal(), Signal(8)
-        pixel_column, pixel_row = Signal(columns), Signal(range(self.height))
+        lit, core, excess = Signal(), Signal(), Signal(8, reset_less=True)
+        pixel_column = Signal(columns, reset_less=True)
+        pixel_row = Signal(range(self.height), reset_less=True)
         with m.If(go):
             m.d.sync += [
                 at_b.eq(step_b), at_a.eq(step_a),
@@ -106,27 +108,31 @@ class Labelling(wiring.Component):
                 lost.eq(broken & ~walking & ~closing | send_owed),
                 lit.eq(step_b & self.i.p.lit),
                 core.eq(step_b & self.i.p.lit & self.i.p.core),
-                excess.eq(Mux(self.weighted & step_b, self.i.p.excess, 0)),
+                excess.eq(self.i.p.excess),
                 pixel_column.eq(column), pixel_row.eq(row),
             ]
+
+        with m.If(go & ~(self.weighted & step_b)):
+            m.d.sync += excess.eq(0)
 
         parity = Signal()
         above = Signal()
         was_lit, was_above, linked, waits = (Signal() for _ in range(4))
-        b, a, a_next, head = Signal(Run), Signal(Run), Signal(Run), Signal(Run)
-        top, top_next = Signal(range(size), init=size - 1), Signal(range(size))
+        a, a_next, b, b_next, head = (Signal(Run) for _ in range(5))
+        depth, depth_next = Signal(depth_bits), Signal(depth_bits)
+        begun = Signal()
 
         start_a, start_b, stop_a, stop_b, fresh, was_fresh = (Signal() for _ in range(6))
         link, known, append, pop, is_tail = (Signal() for _ in range(5))
         entry, entry_next = Signal(Entry), Signal(Entry)
-        head_b, head_next = Signal(Run), Signal(Run)
+        head_next = Signal(Run)
         stale, late_tail = Signal(), Signal(Run)
 
         # Stage 2
         add, store, emit, end, end_broken = (Signal() for _ in range(5))
         address = Signal(run_bits + 1)
         tail = Signal(Run)
-        pixel, run = Signal(Features), Signal(Features)
+        pixel, run = Signal(Features, reset_less=True), Signal(Features, reset_less=True)
 
         m.d.comb += [
             above.eq(row_read.data.as_value()[0] & at_a),
@@ -134,7 +140,7 @@ class Labelling(wiring.Component):
             start_b.eq(lit & ~was_lit),
             stop_b.eq(at_b & Mux(lit, end_b, was_lit)),
             stop_a.eq(at_a & Mux(above, end_a, was_above)),
-            fresh.eq(start_a & ~carried_read.data),
+            fresh.eq(start_a & ~(carried_read.data & begun)),
 
             entry.connected.eq(stack_read.data.connected & ~fresh),
             entry.joined.eq(stack_read.data.joined & ~fresh),
@@ -148,38 +154,41 @@ class Labelling(wiring.Component):
             link.eq(linkable & at_b & (start_a & (lit | was_lit) | start_b & was_above)),
             known.eq(linked & ~start_b),
             append.eq(link & entry.connected & ~(known & waits)),
-            head_b.eq(Mux(start_b, b, head)),
-            head_next.eq(Mux(append, entry.head, head_b)),
+            head_next.eq(Mux(append, stack_read.data.head, head)),
 
             entry_next.connected.eq(entry.connected | link),
             entry_next.joined.eq(Mux(link & ~entry.connected, known & waits, entry.joined)),
-            entry_next.head.eq(Mux(link & ~entry.connected, head_b, entry.head)),
+            entry_next.head.eq(Mux(link & ~entry.connected, head, entry.head)),
             entry_next.tail.eq(entry.tail),
 
             is_tail.eq((entry.tail == a) | end_a),
             pop.eq(stop_a & is_tail),
-            a_next.eq(Mux(clear_a, 0, a + stop_a)),
-            top_next.eq(Mux(clear_a, size - 1, top - fresh + pop)),
+            a_next.eq(a + stop_a),
+            b_next.eq(b + stop_b),
+            depth_next.eq(depth + Cat(fresh | pop, pop.replicate(depth_bits - 1))),
 
-            stack_write.addr.eq(top_next),
-            stack_read.addr.eq(top_next),
+            stack_write.addr.eq(Cat(depth_next, C(0, half - depth_bits), 1)),
+            stack_read.addr.eq(stack_write.addr),
             stack_write.data.eq(entry_next),
-            stack_write.en.eq(go & (at_a | was_fresh) & ~pop & ~clear_a),
-            carried_read.addr.eq(Cat(a_next, Mux(at_b & end_b, parity, ~parity))),
-            carried_write.addr.eq(Cat(head_b, parity)),
+            stack_write.en.eq(go & (at_a | was_fresh) & ~pop),
+            carried_read.addr.eq(Cat(a_next, ~parity)),
+            carried_write.addr.eq(Cat(head, parity)),
             carried_write.data.eq(append),
             carried_write.en.eq(go & (start_b | append)),
             record_read.addr.eq(Cat(entry.head, ~(parity ^ entry.connected))),
         ]
         hit = Signal()
         m.d.comb += hit.eq(store & (record_read.addr == address))
+        weight = Signal(9)
+        m.d.comb += weight.eq(excess + 1)
         with m.If(go):
             m.d.sync += [
                 a.eq(a_next),
-                top.eq(top_next),
+                depth.eq(depth_next),
                 was_fresh.eq(fresh & ~clear_a),
                 stale.eq(hit),
-                head.eq(head_next),
+                head.eq(Mux(stop_b, b_next, head_next)),
+                b.eq(b_next),
                 add.eq(link & ~(entry.connected & known & waits) & ~hit),
                 emit.eq(pop & ~entry_next.connected),
                 store.eq(stop_b),
@@ -201,43 +210,57 @@ class Labelling(wiring.Component):
             with m.If(stop_a):
                 m.d.sync += waits.eq(~is_tail | entry_next.joined)
             with m.If(stop_b):
-                m.d.sync += [b.eq(b + 1), tail.eq(b)]
+                m.d.sync += tail.eq(b)
             with m.If(clear_b):
-                m.d.sync += b.eq(0)
+                m.d.sync += [b.eq(0), head.eq(0)]
+            with m.If(start_a):
+                m.d.sync += begun.eq(1)
+            with m.If(clear_a):
+                m.d.sync += [a.eq(0), depth.eq(0), begun.eq(0)]
             with m.If(at_b & end_b):
                 m.d.sync += parity.eq(~parity)
 
-            m.d.sync += pixel.eq(Mux(lit, of_pixel(core, excess + 1, pixel_column, pixel_row).as_value(), 0))
+            m.d.sync += pixel.eq(of_pixel(core, weight, pixel_column, pixel_row))
+        with m.If(go & ~lit):
+            m.d.sync += pixel.eq(empty())
 
         # Stage 2: add, store, emit.
+        stored = Signal(Features)
+        # Kept apart, so that synthesis does not make one adder of three operands of the two.
+        partial = Signal(Features, attrs={"keep": 1})
         sums = Signal(Features)
+        found = record_read.data.features
         m.d.comb += [
-            sums.eq(merge(merge(run, pixel), Features(Mux(add, record_read.data.features.as_value(), 0)))),
+            stored.eq(Mux(add, found.as_value(), 0)),
+            partial.eq(merge(run, pixel)),
+            sums.eq(merge(partial, stored)),
             record_write.addr.eq(address),
             record_write.data.tail.eq(tail),
             record_write.data.features.eq(sums),
             record_write.en.eq(go & store),
         ]
-        found = record_read.data.features
+        spot = Signal(Spot, reset_less=True)
+        m.d.comb += self.o.p.eq(spot)
+        rst = ResetSignal()
         with m.If(go):
-            m.d.sync += run.eq(sums)
-            with m.If(store & ~(hit & link)):
-                m.d.sync += run.eq(empty())
-
             m.d.sync += [
+                run.eq(sums),
                 self.o.valid.eq(emit | end | end_broken),
-                self.o.p.end.eq(end | end_broken),
-                self.o.p.broken.eq(end_broken),
-                self.o.p.core.eq(emit & found.core),
-                self.o.p.area.eq(found.area),
-                self.o.p.weight.eq(found.weight),
-                self.o.p.sum_u.eq(found.sum_u),
-                self.o.p.sum_v.eq(found.sum_v),
+                spot.core.eq(found.core),
+                spot.area.eq(found.area),
+                spot.weight.eq(found.weight),
+                spot.sum_u.eq(found.sum_u),
+                spot.sum_v.eq(found.sum_v),
+                spot.end.eq(end | end_broken),
+                spot.broken.eq(end_broken),
             ]
-            with m.If(~emit | found.area[8]):
-                m.d.sync += [
-                    self.o.p.area.eq(Mux(emit, 256, 0)),
-                    self.o.p.weight.eq(0), self.o.p.sum_u.eq(0), self.o.p.sum_v.eq(0),
-                ]
+        with m.If(rst | go & store & ~(hit & link)):
+            m.d.sync += run.eq(empty())
+        with m.If(go & (~emit | found.area[8])):
+            m.d.sync += [
+                spot.area[:8].eq(0), spot.weight.eq(0), spot.sum_u.eq(0), spot.sum_v.eq(0),
+            ]
+        with m.If(go & ~emit):
+            m.d.sync += [spot.core.eq(0), spot.area[8].eq(0)]
 
         return m

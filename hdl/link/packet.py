@@ -31,10 +31,10 @@ class Packet(wiring.Component):
 
     ``hdl/link/README.md`` has the format. A packet of points opens with a frame's first point and
     stays open until the frame ends, or until it might outgrow :data:`WIRE_LIMIT` octets with one
-    more point. Nothing is stored: everything is sent bit by bit from where it waits, and a point
-    is taken with its last bit, the end mark, ``info`` and ``counts`` with the last but two octets
-    of the summary. The counts of points by status are kept here, and start again with each
-    summary.
+    more point. Nothing is stored: everything is sent bit by bit from where it waits. A point is
+    taken when its last octet is; the end mark, ``info`` and ``counts`` when the summary's last
+    octet before the check is. The counts of points by status are kept here, and start again with
+    each summary.
 
     Octets follow each other every 10 clocks or faster while there is something to send.
 

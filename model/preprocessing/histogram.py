@@ -7,7 +7,7 @@ __all__ = ["BIN_LIMIT", "counted_rows", "histogram"]
 #: A bin counts up to here.
 BIN_LIMIT = (1 << 17) - 1
 #: Clocks in which the bins are cleared, and in which the threshold is found.
-_CLEAR, _FIND = 260, 576
+_CLEAR, _FIND = 260, 832
 
 
 def counted_rows(width, height):

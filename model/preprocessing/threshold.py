@@ -4,7 +4,7 @@ import numpy as np
 
 __all__ = ["threshold"]
 
-_SUPPORT = 8  # the mode reaches down to one part in so many of its peak
+_FAINT = 4  # a mode ends where the histogram falls below one part in so many of its peak
 _SIGNIFICANT = 64  # a mode's smoothed peak holds at least one pixel in so many
 
 
@@ -15,7 +15,7 @@ def _smooth(counts):
 
 
 def _first_mode(smooth, pixels):
-    """Peak of the first mode: the highest bin before the histogram falls below half of it.
+    """Peak of the first mode: the highest bin before the histogram falls below a quarter of it.
 
     Going up from black, peaks that hold less than 1/64 of the pixels are passed over; if there is
     none above, the mode is black.
@@ -25,24 +25,23 @@ def _first_mode(smooth, pixels):
         value = int(smooth[bin_number])
         if value > peak:
             peak, place = value, bin_number
-        elif peak * _SIGNIFICANT >= pixels and 2 * value < peak:
+        elif peak * _SIGNIFICANT >= pixels and _FAINT * value < peak:
             break
     return (place, peak) if peak * _SIGNIFICANT >= pixels else (0, 0)
 
 
-def threshold(counts, alpha):
+def threshold(counts, alpha, pixels=None):
     """T = mean + alpha sigma of the histogram's first mode (the paper's Section VI).
 
     What the paper leaves open is read thus. Black and white, 0 and 255, are where the imager
     clips, so they are no part of a mode; and a lens may leave black corners. The histogram
     without them is smoothed by (1 2 1). The *first maximum* is the highest bin before the
-    smoothed histogram has fallen below half of it; it holds 1/64 of the counted pixels or more.
-    Where there is none, the background is black and T is 1.
-    The mode are the bins about it without a gap, up to where the smoothed histogram falls below
-    an eighth of the peak: a Gaussian is cut there at 2.04 sigma. Its mean absolute deviation about
-    the peak, 0.728 sigma after that cut, gives sigma: sigma = 11/8 of it. So
+    smoothed histogram has fallen below a quarter of it; it holds 1/64 of the counted pixels or
+    more. Where there is none, the background is black and T is 1. The mode are the bins about it
+    without a gap, down to that quarter: a Gaussian is cut there at 1.665 sigma. Its mean absolute
+    deviation about the peak is 0.662 sigma after that cut; so sigma is 3/2 of it, and
 
-        T = 1 + floor(peak + mean(d) + alpha * 11/8 * mean(abs(d))),   d = bin - peak,
+        T = 1 + floor(peak + mean(d) + alpha * 3/2 * mean(abs(d))),   d = bin - peak,
 
     which needs one sum and one division. T is at most 255.
 
@@ -52,6 +51,8 @@ def threshold(counts, alpha):
         Histogram.
     alpha : :class:`int`
         Standard deviations, unsigned Q4.4.
+    pixels : :class:`int`, optional
+        Pixels that were counted; given, where a bin may have stopped at its limit.
 
     Returns
     -------
@@ -59,17 +60,17 @@ def threshold(counts, alpha):
         Smallest grey value that is lit.
     """
     counts = np.array(counts, dtype=np.int64)
-    pixels = int(counts.sum())
+    pixels = int(counts.sum()) if pixels is None else pixels
     counts[[0, 255]] = 0
     smooth = _smooth(counts)
     place, peak = _first_mode(smooth, pixels)
     if not peak:
         return 1
-    scaled = alpha * 11 >> 3  # Q4.4
+    scaled = alpha + (alpha >> 1)  # Q4.4
     pixels, total = int(counts[place]), 0
     for step, gain in ((1, scaled + 16), (-1, scaled - 16)):
         weight, at = 0, place + step
-        while 0 < at < 255 and _SUPPORT * int(smooth[at]) >= peak:
+        while 0 < at < 255 and _FAINT * int(smooth[at]) >= peak:
             weight += gain
             total += weight * int(counts[at])
             pixels += int(counts[at])

@@ -1,0 +1,133 @@
+"""Parallel camera port to a stream of pixels."""
+
+from amaranth import *
+from amaranth.lib import stream, wiring
+from amaranth.lib.fifo import AsyncFIFO
+from amaranth.lib.wiring import In, Out
+
+from ..payloads import GreyPixel
+
+__all__ = ["Camera"]
+
+_QUEUE = 16
+_BAD_SYNC, _OVERRUN = 1, 2
+
+
+class Camera(wiring.Component):
+    """Takes frames from an imager's pins and brings them into the system's clock.
+
+    A frame begins when ``frame_valid`` rises; each pixel clock with ``line_valid`` high brings a
+    pixel. ``line_valid`` may fall between lines for any time, or not at all; ``frame_valid`` must
+    be low for a pixel clock or more between frames. What comes out are frames of exactly
+    ``width`` x ``height`` pixels, or the beginning of one that ends with a ``broken`` beat:
+
+    - a line is short or long (``line_valid`` falls at another place than a line's end), or the
+      frame is short (``frame_valid`` falls before its last pixel): bad sync;
+    - pixels come after the frame's last one: bad sync, but the frame itself is good, and the
+      ``broken`` beat follows it;
+    - the queue between the clocks is full: overrun.
+
+    After that the camera waits for the next frame, which is whole. It also does so after reset.
+    The system may be slower than the imager only by what the queue of 16 pixels evens out.
+
+    Parameters
+    ----------
+    width, height : :class:`int`
+        Frame size in pixels.
+
+    Members
+    -------
+    frame_valid, line_valid, data : :py:`In(1)`, :py:`In(1)`, :py:`In(8)`
+        The imager's pins, sampled at the rising edge of the domain ``pixel``.
+    o : :py:`Out(stream.Signature(GreyPixel))`
+        Pixels. The ``grey`` of a ``broken`` beat tells why: bit 0 bad sync, bit 1 overrun.
+    bad_sync, overrun : :py:`Out(8)`
+        How often, since reset; they stop at 255.
+    """
+
+    def __init__(self, width, height):
+        for name, value in (("width", width), ("height", height)):
+            if not isinstance(value, int) or not 2 <= value <= 512:
+                raise ValueError(f"Frame {name} must be an integer from 2 to 512, not {value!r}")
+        self.width, self.height = width, height
+        super().__init__({
+            "frame_valid": In(1),
+            "line_valid": In(1),
+            "data": In(8),
+            "o": Out(stream.Signature(GreyPixel)),
+            "bad_sync": Out(8),
+            "overrun": Out(8),
+        })
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.queue = queue = AsyncFIFO(
+            width=Shape.cast(GreyPixel).width, depth=_QUEUE, w_domain="pixel", r_domain="sync")
+
+        # The pins, and what they were a clock before.
+        frame, line, grey = Signal(), Signal(), Signal(8)
+        frame_before, line_before = Signal(init=1), Signal()
+        m.d.pixel += [
+            frame.eq(self.frame_valid), line.eq(self.line_valid), grey.eq(self.data),
+            frame_before.eq(frame), line_before.eq(line & frame),
+        ]
+
+        inside = Signal()  # in a frame that is still to be taken
+        over = Signal()  # its last pixel has come; nothing may follow
+        column = Signal(range(self.width))
+        row = Signal(range(self.height))
+        begins, takes, line_end, frame_end = Signal(), Signal(), Signal(), Signal()
+        m.d.comb += [
+            begins.eq(frame & ~frame_before),
+            takes.eq(frame & line & (inside | begins)),
+            line_end.eq(column == self.width - 1),
+            frame_end.eq(line_end & (row == self.height - 1)),
+        ]
+
+        # What goes wrong is told at once, as no pixel comes with it; but an overrun waits until
+        # the queue has room again, and the frames until then are lost too.
+        waiting = Signal()
+        out_of_sync, overrun = Signal(), Signal()
+        word = Signal(GreyPixel)
+        m.d.comb += [
+            out_of_sync.eq(over & ~begins & frame & line
+                           | inside & (~frame | (line_before & ~line & (column != 0)))),
+            overrun.eq(takes & (waiting | ~queue.w_rdy) | out_of_sync & ~queue.w_rdy),
+            word.grey.eq(grey),
+            word.mark.line_end.eq(line_end),
+            word.mark.frame_end.eq(frame_end),
+            queue.w_data.eq(word),
+            queue.w_en.eq(takes | out_of_sync | waiting),
+        ]
+        with m.If(out_of_sync | waiting):
+            m.d.comb += [
+                word.grey.eq(Mux(waiting, _OVERRUN, _BAD_SYNC)),
+                word.mark.as_value().eq(-1),
+            ]
+
+        with m.If(begins):
+            m.d.pixel += [inside.eq(1), over.eq(0)]
+        with m.If(takes):
+            m.d.pixel += column.eq(Mux(line_end, 0, column + 1))
+            with m.If(line_end):
+                m.d.pixel += row.eq(row + 1)
+            with m.If(frame_end):
+                m.d.pixel += [inside.eq(0), over.eq(1), row.eq(0)]
+        with m.If(out_of_sync | overrun):
+            m.d.pixel += [inside.eq(0), over.eq(0), column.eq(0), row.eq(0)]
+        with m.If(overrun):
+            m.d.pixel += waiting.eq(1)
+        with m.Elif(queue.w_rdy):
+            m.d.pixel += waiting.eq(0)
+
+        # In the system's clock.
+        m.d.comb += [
+            self.o.valid.eq(queue.r_rdy),
+            self.o.payload.eq(queue.r_data),
+            queue.r_en.eq(self.o.ready),
+        ]
+        with m.If(self.o.valid & self.o.ready & self.o.p.mark.broken):
+            for bit, counter in enumerate((self.bad_sync, self.overrun)):
+                m.d.sync += counter.eq(counter + (self.o.p.grey[bit] & ~counter.all()))
+
+        return m

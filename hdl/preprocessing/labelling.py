@@ -5,13 +5,72 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from ..payloads import MaskPixel, Spot
+from ..payloads import AREA_LIMIT, MaskPixel, Spot
 from .features import Features, empty, merge, of_pixel
 
 __all__ = ["Labelling"]
 
 
 class Labelling(wiring.Component):
+    """Finds the 8-connected components of lit pixels and sums up each one's features.
+
+    One pixel a clock, frames back to back without blanking, whatever the image. A spot leaves
+    ``latency`` clocks after the pixel that ends its component came in: the one below and to the
+    right of its last pixel, or below it in the last column. That is at most one row and 4 clocks
+    after the last pixel itself. After a frame's last row no further pixel is needed: the row is
+    walked once more, one column a clock, while the next frame's first row may come in at any pace
+    that the walk is never behind of. Then the frame's ``end`` beat leaves. Spots come in the order
+    of their last pixels.
+
+    Nothing can overflow: all memories are as large as the worst row needs, O(width), and no label
+    image exists. ``i.ready`` falls only while the output register is full and not taken, and for
+    a clock where frames break that fast one after another that their ends queue up.
+
+    A ``broken`` beat forgets the components that are not finished; those that left stay out, and
+    an ``end`` beat with ``broken`` follows. What the frame before still owes comes first. Reset
+    forgets all.
+
+    **How.** Runs of lit pixels are numbered within their row, from 0. In every column the row above
+    and the current row are compared; a run of each may start, stop, or touch the other: at most one
+    new contact. A component is known by its first run (``head``): ``records`` holds its sums so
+    far, once for the row above and once for the current row. What makes it cheap is that components
+    cannot cross: the runs of a row nest like parentheses. A component that has further runs in
+    the row above waits on a stack until they come, and it is on top when they do::
+
+        row above   11.222.33..2.1..44..1     one digit, one component
+        stack       1  2   3   2 1  4   1     its top while the run above is passed
+                       1   2   1    1
+                           1
+
+    So no run must remember which component it belongs to: one bit (``carried``) tells that it
+    continues the top of the stack, and its number, when equal to the ``tail`` of the top, that it
+    is its component's last and the entry is popped. If nothing in the current row has touched the
+    component by then, it is complete and leaves. Where a run of the current row touches two
+    components, they become one by adding the later record to the earlier; ``joined`` notes that
+    the entry below on the stack is the same component already, which must not be added twice.
+
+    Parameters
+    ----------
+    width, height : :class:`int`
+        Size of a frame, up to 512 x 512.
+
+    Members
+    -------
+    i : :py:`In(stream.Signature(MaskPixel))`
+        Frames of mask pixels, in raster order.
+    o : :py:`Out(stream.Signature(Spot))`
+        Components, and an ``end`` beat after each frame's last.
+    weighted : :py:`In(1)`
+        A lit pixel weighs ``excess + 1`` rather than 1. Sampled with each pixel.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from the pixel that ends a component to its spot.
+    """
+
+    latency = 3
+
     def __init__(self, width, height):
         if not isinstance(width, int) or not 2 <= width <= 512:
             raise ValueError(f"Frame width must be an integer from 2 to 512, not {width!r}")
@@ -28,24 +87,26 @@ class Labelling(wiring.Component):
     def elaborate(self, platform):
         m = Module()
 
-        columns = range(self.width)
+        columns, rows = range(self.width), range(self.height)
         run_bits = max(1, ((self.width + 1) // 2 - 1).bit_length())
+        depth_bits = (self.width // 4 + 1).bit_length()
+        half_bits = max(depth_bits, (self.width - 1).bit_length())
         Run = unsigned(run_bits)
         Entry = data.StructLayout({"connected": 1, "joined": 1, "head": Run, "tail": Run})
         Record = data.StructLayout({"tail": Run, "features": Features})
-        depth_bits = (self.width // 4 + 1).bit_length()
-        half = max(depth_bits, (self.width - 1).bit_length())
 
+        # Tables of runs have a half for each parity of the row. The stack shares its memory with
+        # the pixels of the row above: each of the two only ever uses one address at a time.
         m.submodules.records = records = Memory(shape=Record, depth=2 << run_bits, init=[])
         m.submodules.carried = carried = Memory(shape=1, depth=2 << run_bits, init=[])
-        m.submodules.rows = rows = Memory(shape=Entry, depth=2 << half, init=[])
+        m.submodules.shared = shared = Memory(shape=Entry, depth=2 << half_bits, init=[])
         record_write, record_read = records.write_port(), records.read_port()
         carried_write, carried_read = carried.write_port(), carried.read_port()
-        row_write, row_read = rows.write_port(), rows.read_port()
-        stack_write = rows.write_port()
-        stack_read = rows.read_port(transparent_for=(stack_write,))
+        row_write, row_read = shared.write_port(), shared.read_port()
+        stack_write = shared.write_port()
+        stack_read = shared.read_port(transparent_for=(stack_write,))
 
-        go = Signal()
+        go = Signal()  # everything stands still while the output register waits
         m.d.comb += [
             go.eq(~self.o.valid | self.o.ready),
             record_read.en.eq(go),
@@ -54,20 +115,33 @@ class Labelling(wiring.Component):
             stack_read.en.eq(go),
         ]
 
-        # Acceptance.
-        column, row, first_row = Signal(columns), Signal(range(self.height)), Signal(init=1)
-        walk, walking, closing, owed = Signal(columns), Signal(), Signal(), Signal()
+        # Stage 0: take a pixel, and the pixel above it from the row memory in exchange.
+        #
+        # A finished frame's last row is walked by itself. The memory gives one column a clock: the
+        # walk waits where a pixel comes in for a column that it has already passed.
         mark = self.i.p.mark
-        accept, step_b, step_a, last_a, broken, send_owed = (Signal() for _ in range(6))
+        column = Signal(columns)
+        row = Signal(rows)
+        first_row = Signal(init=1)
+        walk = Signal(columns)
+        walking = Signal()
+        walked = Signal()
+        owed = Signal()
+        step_b = Signal()
+        step_a = Signal()
+        last_a = Signal()
+        broken = Signal()
+        pay = Signal()
+        accept = Signal()
         m.d.comb += [
-            send_owed.eq(owed & ~walking & ~closing),
-            accept.eq(~send_owed & ~(owed & mark.broken)),
+            pay.eq(owed & ~walking & ~walked),
+            accept.eq(~pay & ~(owed & mark.broken)),
             self.i.ready.eq(go & accept),
             step_b.eq(self.i.valid & accept & ~mark.broken),
             broken.eq(self.i.valid & accept & mark.broken),
             step_a.eq(Mux(walking, ~step_b | (walk == column), step_b & ~first_row)),
             last_a.eq(Mux(walking, walk == self.width - 1, mark.line_end)),
-            row_write.addr.eq(Cat(Mux(step_b, column, walk), C(0, half + 1))),
+            row_write.addr.eq(Cat(Mux(step_b, column, walk), C(0, half_bits + 1))),
             row_read.addr.eq(row_write.addr),
             row_write.data.eq(self.i.p.lit),
             row_write.en.eq(go & step_b),
@@ -77,159 +151,197 @@ class Labelling(wiring.Component):
                 m.d.sync += column.eq(column + 1)
                 with m.If(mark.line_end):
                     m.d.sync += [column.eq(0), row.eq(row + 1), first_row.eq(0)]
+            with m.If(step_b & mark.frame_end | broken):
+                m.d.sync += [column.eq(0), row.eq(0), first_row.eq(1)]
             with m.If(step_a & walking):
                 m.d.sync += walk.eq(walk + 1)
-            m.d.sync += closing.eq(walking & step_a & last_a)
-            with m.If(walking & step_a & last_a):
-                m.d.sync += walking.eq(0)
-            with m.If((step_b & mark.frame_end) | broken):
-                m.d.sync += [column.eq(0), row.eq(0), first_row.eq(1)]
+                with m.If(last_a):
+                    m.d.sync += [walking.eq(0), walk.eq(0)]
             with m.If(step_b & mark.frame_end):
-                m.d.sync += [walking.eq(1), walk.eq(0)]
-            with m.If(broken & (walking | closing)):
+                m.d.sync += walking.eq(1)
+            m.d.sync += walked.eq(step_a & walking & last_a)
+            with m.If(broken & (walking | walked)):
                 m.d.sync += owed.eq(1)
-            with m.If(send_owed):
+            with m.If(pay):
                 m.d.sync += owed.eq(0)
 
-        # Stage 1: decide.
-        at_b, at_a, end_b, end_a, linkable, clear_b, clear_a = (Signal() for _ in range(7))
-        finished, lost = Signal(), Signal()
-        lit, core, excess = Signal(), Signal(), Signal(8, reset_less=True)
-        pixel_column = Signal(columns, reset_less=True)
-        pixel_row = Signal(range(self.height), reset_less=True)
+        # What a step carries to stage 1. Of the two rows either may step alone; `a` is a run of
+        # the row above, `b` one of the current row.
+        at_a = Signal()
+        at_b = Signal()
+        end_a = Signal()
+        end_b = Signal()
+        clear_a = Signal()
+        clear_b = Signal()
+        linkable = Signal()
+        ended = Signal()
+        lost = Signal()
+        lit = Signal()
+        core = Signal()
+        excess = Signal(8, reset_less=True)
+        lit_column = Signal(columns, reset_less=True)
+        lit_row = Signal(rows, reset_less=True)
         with m.If(go):
             m.d.sync += [
-                at_b.eq(step_b), at_a.eq(step_a),
-                end_b.eq(mark.line_end), end_a.eq(last_a),
+                at_a.eq(step_a),
+                at_b.eq(step_b),
+                end_a.eq(last_a),
+                end_b.eq(mark.line_end),
+                clear_a.eq(step_a & last_a | broken & ~walking),
+                clear_b.eq(step_b & mark.line_end | broken),
                 linkable.eq(~first_row),
-                clear_b.eq(broken | step_b & mark.line_end),
-                clear_a.eq(broken & ~walking | step_a & last_a),
-                finished.eq(closing),
-                lost.eq(broken & ~walking & ~closing | send_owed),
+                ended.eq(walked),
+                lost.eq(broken & ~walking & ~walked | pay),
                 lit.eq(step_b & self.i.p.lit),
-                core.eq(step_b & self.i.p.lit & self.i.p.core),
+                core.eq(self.i.p.core),
                 excess.eq(self.i.p.excess),
-                pixel_column.eq(column), pixel_row.eq(row),
+                lit_column.eq(column),
+                lit_row.eq(row),
             ]
-
-        with m.If(go & ~(self.weighted & step_b)):
+        with m.If(go & ~(step_b & self.weighted)):
             m.d.sync += excess.eq(0)
 
-        parity = Signal()
+        # Stage 1: decide.
+        parity = Signal()  # the current row's half of the tables
         above = Signal()
-        was_lit, was_above, linked, waits = (Signal() for _ in range(4))
-        a, a_next, b, b_next, head = (Signal(Run) for _ in range(5))
-        depth, depth_next = Signal(depth_bits), Signal(depth_bits)
-        begun = Signal()
-
-        start_a, start_b, stop_a, stop_b, fresh, was_fresh = (Signal() for _ in range(6))
-        link, known, append, pop, is_tail = (Signal() for _ in range(5))
-        entry, entry_next = Signal(Entry), Signal(Entry)
-        head_next = Signal(Run)
-        stale, late_tail = Signal(), Signal(Run)
-
-        # Stage 2
-        add, store, emit, end, end_broken = (Signal() for _ in range(5))
-        address = Signal(run_bits + 1)
-        tail = Signal(Run)
-        pixel, run = Signal(Features, reset_less=True), Signal(Features, reset_less=True)
-
+        was_above = Signal()
+        was_lit = Signal()
+        a = Signal(Run)
+        a_next = Signal(Run)
+        b = Signal(Run)
+        b_next = Signal(Run)
+        start_a = Signal()
+        stop_a = Signal()
+        start_b = Signal()
+        stop_b = Signal()
         m.d.comb += [
-            above.eq(row_read.data.as_value()[0] & at_a),
+            above.eq(at_a & row_read.data.as_value()[0]),
             start_a.eq(above & ~was_above),
             start_b.eq(lit & ~was_lit),
-            stop_b.eq(at_b & Mux(lit, end_b, was_lit)),
             stop_a.eq(at_a & Mux(above, end_a, was_above)),
-            fresh.eq(start_a & ~(carried_read.data & begun)),
-
-            entry.connected.eq(stack_read.data.connected & ~fresh),
-            entry.joined.eq(stack_read.data.joined & ~fresh),
-            entry.head.eq(Mux(fresh, a, stack_read.data.head)),
-            entry.tail.eq(stack_read.data.tail),
-        ]
-        with m.If(was_fresh):
-            m.d.comb += entry.tail.eq(Mux(stale, tail, record_read.data.tail))
-
-        m.d.comb += [
-            link.eq(linkable & at_b & (start_a & (lit | was_lit) | start_b & was_above)),
-            known.eq(linked & ~start_b),
-            append.eq(link & entry.connected & ~(known & waits)),
-            head_next.eq(Mux(append, stack_read.data.head, head)),
-
-            entry_next.connected.eq(entry.connected | link),
-            entry_next.joined.eq(Mux(link & ~entry.connected, known & waits, entry.joined)),
-            entry_next.head.eq(Mux(link & ~entry.connected, head, entry.head)),
-            entry_next.tail.eq(entry.tail),
-
-            is_tail.eq((entry.tail == a) | end_a),
-            pop.eq(stop_a & is_tail),
+            stop_b.eq(at_b & Mux(lit, end_b, was_lit)),
             a_next.eq(a + stop_a),
             b_next.eq(b + stop_b),
-            depth_next.eq(depth + Cat(fresh | pop, pop.replicate(depth_bits - 1))),
-
-            stack_write.addr.eq(Cat(depth_next, C(0, half - depth_bits), 1)),
-            stack_read.addr.eq(stack_write.addr),
-            stack_write.data.eq(entry_next),
-            stack_write.en.eq(go & (at_a | was_fresh) & ~pop),
             carried_read.addr.eq(Cat(a_next, ~parity)),
+        ]
+
+        # The component above: the top of the stack, or a new one. The tail of a new one comes from
+        # its record a clock later, except when that was still on its way to the memory.
+        begun = Signal()
+        fresh = Signal()
+        was_fresh = Signal()
+        late = Signal()
+        entry = Signal(Entry)
+        entry_next = Signal(Entry)
+        top = stack_read.data
+        tail = Signal(Run)
+        m.d.comb += [
+            fresh.eq(start_a & ~(begun & carried_read.data)),  # a row's first run is not carried
+            entry.connected.eq(top.connected & ~fresh),
+            entry.joined.eq(top.joined & ~fresh),
+            entry.head.eq(Mux(fresh, a, top.head)),
+            entry.tail.eq(Mux(was_fresh, Mux(late, tail, record_read.data.tail), top.tail)),
+        ]
+
+        # Contact. `head` is the first run of the component of the current run; between runs it is
+        # the run that will come next. `waits`: that component has an entry on top of the stack.
+        head = Signal(Run)
+        head_next = Signal(Run)
+        linked = Signal()
+        was_linked = Signal()
+        waits = Signal()
+        link = Signal()
+        same = Signal()
+        append = Signal()
+        adopt = Signal()
+        m.d.comb += [
+            linked.eq(was_linked & ~start_b),
+            same.eq(linked & waits),
+            link.eq(linkable & at_b & (start_a & (lit | was_lit) | start_b & was_above)),
+            append.eq(link & entry.connected & ~same),
+            adopt.eq(link & ~entry.connected),
+            head_next.eq(Mux(append, top.head, head)),
             carried_write.addr.eq(Cat(head, parity)),
             carried_write.data.eq(append),
             carried_write.en.eq(go & (start_b | append)),
+
+            entry_next.connected.eq(entry.connected | adopt),
+            entry_next.joined.eq(Mux(adopt, same, entry.joined)),
+            entry_next.head.eq(Mux(adopt, head, entry.head)),
+            entry_next.tail.eq(entry.tail),
             record_read.addr.eq(Cat(entry.head, ~(parity ^ entry.connected))),
         ]
+
+        # The entry is written in place in every step; below the stack's first entry nothing counts.
+        last = Signal()
+        pop = Signal()
+        depth = Signal(depth_bits)
+        depth_next = Signal(depth_bits)
+        m.d.comb += [
+            last.eq((entry.tail == a) | end_a),
+            pop.eq(stop_a & last),
+            depth_next.eq(depth + Cat(fresh | pop, pop.replicate(depth_bits - 1))),
+            stack_write.addr.eq(Cat(depth_next, C(0, half_bits - depth_bits), 1)),
+            stack_read.addr.eq(stack_write.addr),
+            stack_write.data.eq(entry_next),
+            stack_write.en.eq(go & (at_a | was_fresh) & ~pop),
+        ]
+
+        # A record that is read in the clock in which it is written is still in `run`.
+        add = Signal()
+        store = Signal()
+        emit = Signal()
+        close = Signal()
+        close_broken = Signal()
+        address = Signal(run_bits + 1)
         hit = Signal()
         m.d.comb += hit.eq(store & (record_read.addr == address))
+
         weight = Signal(9)
+        pixel = Signal(Features, reset_less=True)
+        run = Signal(Features, reset_less=True)
         m.d.comb += weight.eq(excess + 1)
         with m.If(go):
             m.d.sync += [
                 a.eq(a_next),
+                b.eq(b_next),
+                head.eq(Mux(stop_b, b_next, head_next)),
                 depth.eq(depth_next),
                 was_fresh.eq(fresh & ~clear_a),
-                stale.eq(hit),
-                head.eq(Mux(stop_b, b_next, head_next)),
-                b.eq(b_next),
-                add.eq(link & ~(entry.connected & known & waits) & ~hit),
-                emit.eq(pop & ~entry_next.connected),
+                late.eq(hit),
+                add.eq(link & ~(entry.connected & same) & ~hit),
                 store.eq(stop_b),
                 address.eq(Cat(head_next, parity)),
-                end.eq(finished), end_broken.eq(lost),
+                emit.eq(pop & ~entry_next.connected),
+                close.eq(ended),
+                close_broken.eq(lost),
+                pixel.eq(of_pixel(core, weight, lit_column, lit_row)),
             ]
-            with m.If(link):
-                m.d.sync += linked.eq(1)
-            with m.Elif(start_b):
-                m.d.sync += linked.eq(0)
-            with m.If(at_b):
-                m.d.sync += was_lit.eq(lit)
-            with m.If(clear_b):
-                m.d.sync += was_lit.eq(0)
+            with m.If(start_b | link):
+                m.d.sync += was_linked.eq(link)
             with m.If(at_a):
                 m.d.sync += was_above.eq(above)
-            with m.If(clear_a):
-                m.d.sync += was_above.eq(0)
-            with m.If(stop_a):
-                m.d.sync += waits.eq(~is_tail | entry_next.joined)
-            with m.If(stop_b):
-                m.d.sync += tail.eq(b)
-            with m.If(clear_b):
-                m.d.sync += [b.eq(0), head.eq(0)]
+            with m.If(at_b):
+                m.d.sync += [was_lit.eq(lit), parity.eq(parity ^ end_b)]
             with m.If(start_a):
                 m.d.sync += begun.eq(1)
+            with m.If(stop_a):
+                m.d.sync += waits.eq(~last | entry_next.joined)
+            with m.If(stop_b):
+                m.d.sync += tail.eq(b)
             with m.If(clear_a):
-                m.d.sync += [a.eq(0), depth.eq(0), begun.eq(0)]
-            with m.If(at_b & end_b):
-                m.d.sync += parity.eq(~parity)
-
-            m.d.sync += pixel.eq(of_pixel(core, weight, pixel_column, pixel_row))
+                m.d.sync += [a.eq(0), depth.eq(0), was_above.eq(0), begun.eq(0)]
+            with m.If(clear_b):
+                m.d.sync += [b.eq(0), head.eq(0), was_lit.eq(0)]
         with m.If(go & ~lit):
             m.d.sync += pixel.eq(empty())
 
-        # Stage 2: add, store, emit.
-        stored = Signal(Features)
-        # Kept apart, so that synthesis does not make one adder of three operands of the two.
-        partial = Signal(Features, attrs={"keep": 1})
-        sums = Signal(Features)
+        # Stage 2: add, store, or let go.
         found = record_read.data.features
+        stored = Signal(Features)
+        sums = Signal(Features)
+        # Kept, so that synthesis does not make one larger adder of three operands of two of two.
+        partial = Signal(Features, attrs={"keep": 1})
         m.d.comb += [
             stored.eq(Mux(add, found.as_value(), 0)),
             partial.eq(merge(run, pixel)),
@@ -239,28 +351,31 @@ class Labelling(wiring.Component):
             record_write.data.features.eq(sums),
             record_write.en.eq(go & store),
         ]
+        with m.If(go):
+            m.d.sync += run.eq(sums)
+        with m.If(ResetSignal() | go & store & ~(hit & link)):
+            m.d.sync += run.eq(empty())
+
         spot = Signal(Spot, reset_less=True)
+        full = found.area[AREA_LIMIT.bit_length() - 1]
         m.d.comb += self.o.p.eq(spot)
-        rst = ResetSignal()
         with m.If(go):
             m.d.sync += [
-                run.eq(sums),
-                self.o.valid.eq(emit | end | end_broken),
+                self.o.valid.eq(emit | close | close_broken),
+                spot.end.eq(close | close_broken),
+                spot.broken.eq(close_broken),
                 spot.core.eq(found.core),
                 spot.area.eq(found.area),
                 spot.weight.eq(found.weight),
                 spot.sum_u.eq(found.sum_u),
                 spot.sum_v.eq(found.sum_v),
-                spot.end.eq(end | end_broken),
-                spot.broken.eq(end_broken),
             ]
-        with m.If(rst | go & store & ~(hit & link)):
-            m.d.sync += run.eq(empty())
-        with m.If(go & (~emit | found.area[8])):
+        with m.If(go & (~emit | full)):
             m.d.sync += [
-                spot.area[:8].eq(0), spot.weight.eq(0), spot.sum_u.eq(0), spot.sum_v.eq(0),
+                spot.area.eq(Mux(emit, AREA_LIMIT, 0)),
+                spot.weight.eq(0), spot.sum_u.eq(0), spot.sum_v.eq(0),
             ]
         with m.If(go & ~emit):
-            m.d.sync += [spot.core.eq(0), spot.area[8].eq(0)]
+            m.d.sync += spot.core.eq(0)
 
         return m

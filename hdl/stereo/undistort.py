@@ -1,0 +1,243 @@
+"""Centres of spots to undistorted places."""
+
+from amaranth import *
+from amaranth.lib import enum, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from hdl.payloads import COORDINATE_BITS, Centre, Undistorted
+
+__all__ = ["Undistort"]
+
+_WORD_BITS = 18
+_SEGMENT_ADDRESS_BITS = 8
+_SEGMENT_BITS = 10  # fraction of a segment of the table
+_SUM_SHIFT = 12
+_ADD_SHIFT = 14
+
+
+class _Phase(enum.Enum, shape=3):
+    """What the multipliers of both lanes do in a clock of a round.
+
+    ``place`` is -y or, from APPLY on, the undistorted estimate; P stands for the tangential
+    registers.
+    """
+
+    SLOPE = 0  # P times place, summed
+    TURN = 1  # place times that: onto the offset from the principal point
+    SQUARE = 2  # place squared, summed
+    SHIFT = 3  # P times that: added, the new place
+    RADIUS = 4  # place squared, summed: address of the table
+    LOOKUP = 5  # nothing; a word of the table arrives
+    INTERPOLATE = 6  # that word times the fraction of the segment, plus the next word
+    APPLY = 7  # place times that
+
+
+class Undistort(wiring.Component):
+    """Undoes the lens's distortion (Brown, OpenCV's k1, k2, p1, p2) at the centres of spots.
+
+    The radial part is a table of scales over the squared radius, interpolated; the tangential
+    part a fixed-point iteration, ``rounds`` times. The arithmetic, the format of the table and
+    the error budget are those of :func:`model.stereo.undistort.undistort`: within 0.01 px of
+    float. One spot at a time, on two multipliers, one for each axis; spots follow each other
+    every :attr:`period` clocks. A spot is taken in the clock in which ``o`` is, :attr:`latency`
+    clocks after it became valid, or later if ``o`` waits. End marks take one clock. Reset forgets
+    what is under way; the table stays.
+
+    A spot is rejected where the chip has no answer: x, y or an intermediate place leaves +-256
+    px, or its radius leaves the table. Spots that come in rejected are undistorted too.
+
+    Paper, section on distortion correction, its second form: on the centres only.
+
+    Parameters
+    ----------
+    width, height : :class:`int`
+        Sensor size in pixels, 16 to 512 each. They set the image centre and the table's range.
+    rounds : :class:`int`
+        Rounds of the tangential iteration, 1 to 3.
+
+    Members
+    -------
+    i : :py:`In(stream.Signature(Centre))`
+        Spots and end marks.
+    o : :py:`Out(stream.Signature(Undistorted))`
+        The same, in the same order; x and y about the image centre.
+    principal_u, principal_v : :py:`In(18)`
+        Principal point, unsigned Q9.9 pixels.
+    tangential_1, tangential_2 : :py:`In(signed(18))`
+        p1 and p2 over the focal length in pixels, times 2**27.
+    radial_write_enable : :py:`In(1)`
+        Write a word of the table in this clock.
+    radial_write_address, radial_write_data : :py:`In(10)`, :py:`In(18)`
+        Which, and the word. All words are zero until they are written.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a spot at ``i`` to the same at ``o``: ``8 * rounds + 5``.
+    period : :class:`int`
+        Clocks from spot to spot while ``o`` is ready: one more.
+    """
+
+    def __init__(self, width, height, rounds=2):
+        for name, value in [("width", width), ("height", height)]:
+            if not isinstance(value, int) or not 16 <= value <= 512:
+                raise ValueError(
+                    f"Frame {name} must be an integer from 16 to 512, not {value!r}")
+        if not isinstance(rounds, int) or not 1 <= rounds <= 3:
+            raise ValueError(f"Rounds must be an integer from 1 to 3, not {rounds!r}")
+        self.width = width
+        self.height = height
+        self.rounds = rounds
+        self.latency = 8 * rounds + 5
+        self.period = self.latency + 1
+        super().__init__({
+            "i": In(stream.Signature(Centre)),
+            "o": Out(stream.Signature(Undistorted)),
+            "principal_u": In(COORDINATE_BITS),
+            "principal_v": In(COORDINATE_BITS),
+            "tangential_1": In(signed(18)),
+            "tangential_2": In(signed(18)),
+            "radial_write_enable": In(1),
+            "radial_write_address": In(10),
+            "radial_write_data": In(_WORD_BITS),
+        })
+
+    @property
+    def radius_bits(self):
+        """Bits of the squared radius that the table covers: 25 % beyond the corners."""
+        need = (self.width**2 + self.height**2) * 5 / 16
+        return next((bits for bits in range(12, 17) if 2**bits >= need), 17)
+
+    def elaborate(self, platform):
+        m = Module()
+        spot = self.i.p
+
+        # The first pass, without a tangential part, leaves the phases out that it does not need.
+        phase = Signal(_Phase, init=_Phase.TURN)
+        turn = Signal(range(self.rounds + 1))
+        first = Signal()
+        last = Signal()
+        done = Signal()
+        m.d.comb += [first.eq(turn == 0), last.eq(turn == self.rounds)]
+
+        def during(*phases):
+            return Cat(phase == each for each in phases).any()
+
+        waiting = Signal()
+        mark = Signal()
+        m.d.comb += [
+            waiting.eq(first & during(_Phase.TURN)),
+            mark.eq(waiting & self.i.valid & spot.end & ~done),
+        ]
+
+        # Lane by lane: the offset from the principal point (negative, as every place, so that all
+        # steps add), the product, the sum. The first of two sums that make a place is halved,
+        # since its product must count twice. The ones behind the last places round.
+        fraction = Signal(signed(_SEGMENT_BITS))
+        scalar = Signal(signed(18))
+        idle = Signal()
+        m.d.comb += idle.eq(during(_Phase.LOOKUP)
+                            | (first & during(_Phase.TURN, _Phase.SHIFT)))
+        lanes = [
+            ("u", self.principal_u, spot.u, self.width, self.tangential_2),
+            ("v", self.principal_v, spot.v, self.height, self.tangential_1),
+        ]
+        places, products, outside = [], [], []
+        for axis, principal, coordinate, size, tangential in lanes:
+            place = Signal(signed(18), name=f"place_{axis}")
+            half = Signal(signed(20), name=f"half_{axis}")
+            left = Signal(signed(18), name=f"left_{axis}")
+            right = Signal(signed(18), name=f"right_{axis}")
+            product = Signal(signed(36), name=f"product_{axis}")
+            offset = Signal(signed(19), name=f"offset_{axis}")
+            total = Signal(signed(22), name=f"total_{axis}")
+            m.d.comb += [
+                left.eq(Mux(during(_Phase.SLOPE, _Phase.SHIFT), tangential, place)),
+                right.eq(Mux(during(_Phase.SLOPE, _Phase.SQUARE, _Phase.RADIUS), place, scalar)),
+                product.eq(left * right),
+                offset.eq(principal - Mux(phase.as_value()[2], (size - 1) * 256, coordinate)),
+                # The product, plus twice one of the others, plus one, which rounds. Written as a
+                # difference, since carry chains want their first operand without logic before
+                # it, and yosys does not swap those of a difference.
+                total.eq((product >> _ADD_SHIFT) - Mux(
+                    during(_Phase.SHIFT, _Phase.APPLY),
+                    Cat(C(1, 1), ~half).as_signed(), Cat(C(1, 1), ~offset).as_signed())),
+            ]
+            if axis == "u":
+                with m.If(during(_Phase.INTERPOLATE)):
+                    m.d.comb += left.eq(fraction << (_SUM_SHIFT - _SEGMENT_BITS))
+            with m.If(idle):
+                m.d.comb += right.eq(0)
+            with m.If(during(_Phase.SHIFT, _Phase.APPLY)):
+                m.d.sync += place.eq(total >> 2)
+            with m.If(mark):
+                m.d.sync += place.eq(0)
+            with m.If(during(_Phase.TURN) | (during(_Phase.LOOKUP) & last)):
+                m.d.sync += half.eq(total)
+            with m.If(during(_Phase.SHIFT)):
+                m.d.sync += half.eq(0)
+            places.append(place)
+            products.append(product)
+            outside.append(total[19:].any() & ~total[19:].all())
+
+        # Across the lanes: a sum of two products, or a product and a word of the table.
+        m.submodules.scales = scales = Memory(shape=signed(_WORD_BITS), depth=1024, init=[])
+        write = scales.write_port()
+        read = scales.read_port()
+        across = Signal(signed(25))
+        m.d.comb += across.eq((products[0] >> _SUM_SHIFT) + Mux(
+            during(_Phase.LOOKUP, _Phase.INTERPOLATE), read.data, products[1] >> _SUM_SHIFT))
+        m.d.sync += scalar.eq(across)
+
+        radius = across[self.radius_bits - _SUM_SHIFT:]
+        segment = Signal(_SEGMENT_ADDRESS_BITS)
+        now = Signal(_SEGMENT_ADDRESS_BITS)
+        m.d.comb += [
+            now.eq(segment),
+            read.en.eq(1),
+            # Value or slope, coarse or fine.
+            read.addr.eq(Cat(during(_Phase.RADIUS) & ~first, last, now)),
+            write.en.eq(self.radial_write_enable),
+            write.addr.eq(self.radial_write_address),
+            write.data.eq(self.radial_write_data),
+        ]
+        with m.If(during(_Phase.RADIUS)):
+            m.d.comb += now.eq(radius[_SEGMENT_BITS:])
+            m.d.sync += [
+                segment.eq(now),
+                # The middle of the segment is zero.
+                fraction.eq(radius[:_SEGMENT_BITS] ^ (1 << (_SEGMENT_BITS - 1))),
+            ]
+
+        bad = Signal()
+        with m.If(during(_Phase.SHIFT) | (during(_Phase.APPLY) & last)):
+            m.d.sync += bad.eq((bad & ~(first & during(_Phase.SHIFT))) | Cat(outside).any())
+        with m.If(during(_Phase.RADIUS) & radius[_SEGMENT_BITS + _SEGMENT_ADDRESS_BITS:].any()):
+            m.d.sync += bad.eq(1)
+
+        # The spot stays at `i` until it is taken from `o`.
+        m.d.comb += [
+            self.o.valid.eq(done),
+            self.i.ready.eq(done & self.o.ready),
+            self.o.p.end.eq(spot.end),
+            self.o.p.rejected.eq(spot.rejected | bad),
+            self.o.p.area.eq(spot.area),
+            self.o.p.u.eq(spot.u),
+            self.o.p.v.eq(spot.v),
+            self.o.p.x.eq(places[0]),
+            self.o.p.y.eq(places[1]),
+        ]
+        with m.If(done):
+            m.d.sync += done.eq(~self.o.ready)
+        with m.Elif(mark):
+            m.d.sync += [done.eq(1), bad.eq(0)]
+        with m.Elif(~waiting | self.i.valid):
+            m.d.sync += phase.eq(
+                phase.as_value() + Mux(first & during(_Phase.TURN, _Phase.LOOKUP), 2, 1))
+            with m.If(during(_Phase.APPLY)):
+                m.d.sync += turn.eq(turn + 1)
+                with m.If(last):
+                    m.d.sync += [done.eq(1), turn.eq(0), phase.eq(_Phase.TURN)]
+
+        return m

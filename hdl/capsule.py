@@ -1,6 +1,6 @@
 """The whole capsule: camera pins in, serial pin out."""
 
-from amaranth.hdl import Module, signed
+from amaranth.hdl import C, Cat, Module, Shape, Signal, signed
 from amaranth.lib import enum, stream, wiring
 from amaranth.lib.fifo import SyncFIFO
 from amaranth.lib.wiring import In, Out, connect
@@ -33,9 +33,9 @@ _FRAMES_IN_FLIGHT = 4
 class TableSelect(enum.Enum, shape=2):
     """Which memory a table write goes to."""
 
-    SHARED = 0
+    SHARED = 0  # words 0 to 255 depth, 256 to 511 reciprocals
     RADIAL = 1
-    BEAMS = 2
+    BEAMS = 2  # line in the low 36 bits, window above
 
 
 class Capsule(wiring.Component):
@@ -100,7 +100,7 @@ class Capsule(wiring.Component):
         m.submodules.camera = camera = Camera(**size)
         m.submodules.frame_gate = gate = FrameGate()
         m.submodules.frame_info = frame_info = SyncFIFO(
-            width=FrameInfo.as_shape().width, depth=_FRAMES_IN_FLIGHT)
+            width=Shape.cast(FrameInfo).width, depth=_FRAMES_IN_FLIGHT)
         m.d.comb += [
             camera.frame_valid.eq(self.frame_valid),
             camera.line_valid.eq(self.line_valid),
@@ -126,6 +126,25 @@ class Capsule(wiring.Component):
         connect(m, erosion.o, labelling.i)
         connect(m, labelling.o, spot_queue.i)
         connect(m, spot_queue.o, centre.i)
+        m.d.comb += [
+            threshold.closed.eq(histogram.closed),
+            threshold.done.eq(histogram.done),
+            threshold.lost.eq(histogram.lost),
+            histogram.address.eq(threshold.address),
+            threshold.count.eq(histogram.count),
+            threshold.alpha.eq(self.alpha),
+            threshold.fixed.eq(self.threshold_fixed),
+            threshold.fixed_level.eq(self.threshold_level),
+            gate.level.eq(threshold.level),
+            gate.learnt.eq(threshold.learnt),
+            binarise.level.eq(threshold.level),
+            binarise.enable.eq(threshold.learnt),
+            erosion.mode.eq(self.erosion_mode),
+            labelling.weighted.eq(self.weighted),
+            spot_queue.area_min.eq(self.area_min),
+            spot_queue.area_max.eq(self.area_max),
+            spot_queue.report_rejected.eq(self.report_rejected),
+        ]
 
         # Stereo.
         m.submodules.undistort = undistort = Undistort(**size)
@@ -136,6 +155,34 @@ class Capsule(wiring.Component):
         connect(m, undistort.o, epipolar.i)
         connect(m, epipolar.o, depth.i)
         connect(m, depth.o, point_fifo.i)
+        m.d.comb += [
+            undistort.principal_u.eq(self.principal_u),
+            undistort.principal_v.eq(self.principal_v),
+            undistort.tangential_1.eq(self.tangential_1),
+            undistort.tangential_2.eq(self.tangential_2),
+        ]
+
+        # Tables. Depth and reciprocals share a memory, each block with a port of its own.
+        m.submodules.shared_table = shared_table = TableMemory()
+        write = {memory: Signal(name=f"write_{memory.name.lower()}") for memory in TableSelect}
+        m.d.comb += [
+            *(write[memory].eq(self.table_enable & (self.table_select == memory))
+              for memory in TableSelect),
+            shared_table.a_address.eq(depth.table_address),
+            depth.table_data.eq(shared_table.a_data),
+            shared_table.b_address.eq(Cat(centre.table_address, C(1, 1))),
+            centre.table_data.eq(shared_table.b_data),
+            shared_table.write_enable.eq(write[TableSelect.SHARED]),
+            shared_table.write_address.eq(self.table_address),
+            shared_table.write_data.eq(self.table_data),
+            undistort.radial_write_enable.eq(write[TableSelect.RADIAL]),
+            undistort.radial_write_address.eq(self.table_address),
+            undistort.radial_write_data.eq(self.table_data),
+            epipolar.write_enable.eq(write[TableSelect.BEAMS]),
+            epipolar.write_address.eq(self.table_address),
+            epipolar.write_line.eq(self.table_data[:36]),
+            epipolar.write_window.eq(self.table_data[36:]),
+        ]
 
         # Link.
         m.submodules.packet = packet = Packet()
@@ -144,5 +191,10 @@ class Capsule(wiring.Component):
         connect(m, spot_queue.counts, packet.counts)
         connect(m, frame_info.r_stream, packet.info)
         connect(m, packet.o, uart_tx.i)
-        m.d.comb += self.tx.eq(uart_tx.tx)
+        m.d.comb += [
+            packet.bad_sync.eq(camera.bad_sync),
+            packet.overrun.eq(camera.overrun),
+            uart_tx.divisor.eq(self.divisor),
+            self.tx.eq(uart_tx.tx),
+        ]
         return m

@@ -30,8 +30,8 @@ class SpotQueue(wiring.Component):
 
     The counters of a frame, saturated at 65,535, travel with its end mark. They are valid at
     ``counts`` from the clock on in which the end mark is valid at ``o``; the next end mark waits
-    for them to be taken. ``spots`` counts all components of the frame, so ``spots - rejected -
-    dropped`` of them have been queued unrejected (and only rejected ones besides).
+    for them to be taken. ``spots`` counts all components of the
+    frame, ``rejected`` and ``dropped`` those that were not queued: the rest comes out at ``o``.
 
     Parameters
     ----------
@@ -96,7 +96,8 @@ class SpotQueue(wiring.Component):
 
         # Counters of the frame. They show what they are at the end mark, which clears them.
         counters = Signal(Counts)
-        for name, event in [("spots", 1), ("rejected", rejected), ("dropped", ~rejected & ~room)]:
+        for name, event in [("spots", 1), ("rejected", rejected & ~wanted),
+                            ("dropped", ~rejected & ~room)]:
             counter = Signal(16, name=name)
             m.d.comb += counters[name].eq(counter)
             with m.If(is_spot & event & ~counter.all()):

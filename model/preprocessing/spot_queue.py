@@ -28,8 +28,8 @@ def screen(spots, settings):
     Returns
     -------
     array of :data:`QUEUED_DTYPE`, dict
-        What goes on, in the same order; ``spots`` and ``rejected``, saturated at 65,535, and
-        ``dropped``, which is 0: only a queue that ends has to drop.
+        What goes on, in the same order; ``spots`` and those ``rejected`` that do not go on,
+        saturated at 65,535, and ``dropped``, which is 0: only a queue that ends has to drop.
     """
     area = spots["area"]
     rejected = (area < settings.area_min) | (area > settings.area_max) | ~spots["core"]
@@ -40,7 +40,7 @@ def screen(spots, settings):
         queued[name] = spots[name][kept]
     counts = {
         "spots": min(len(spots), _COUNT_LIMIT),
-        "rejected": min(np.count_nonzero(rejected), _COUNT_LIMIT),
+        "rejected": min(np.count_nonzero(~kept), _COUNT_LIMIT),
         "dropped": 0,
     }
     return queued, counts

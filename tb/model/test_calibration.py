@@ -1,24 +1,32 @@
 """Calibration against the simulator's exact geometry, and everything that it must refuse."""
 
 import json
+import shutil
 import zlib
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
 import pytest
 
 from calibration import file
+from calibration.calibrate import Options, calibrate_beams, with_lens
 from calibration.identity import PlaneSpots, Projector, identify
-from calibration.lens import Lens, calibrate_lens
+from calibration.lens import Lens, LensReport, calibrate_lens
 from calibration.lines import Observations, check_planes, fit_lines
+from calibration.spots import find_spots
 from calibration.tables import INVERSE_Z_ERROR, build_tables, choose_windows, separations
+from model.capsule import Capsule
+from model.optics import render, rigs, scenes
 from model.optics.geometry import beam_lines
 from model.optics.rigs import RIGS
 from model.settings import RADIAL_WORDS, RECIPROCAL_WORDS, Settings
 from model.stereo.depth import inverse_depth
 from model.stereo.epipolar import OK, match, unpack_window
+from scripts import cli
 from scripts.errors import UserError
+from scripts.points import locate
 
 
 def lens_of(rig):
@@ -109,10 +117,11 @@ def test_lens_that_folds_is_refused(focal, k1, k2, folds):
         lens.check_one_to_one()
 
 
-def board_views(count, seed=3, fine=4):
-    """Drawn photographs of a 9 x 6 board, fine x fine samples a pixel."""
+@cache
+def board_views(count=10, fine=4):
+    """Drawn photographs of a 9 x 6 board, fine x fine samples a pixel, and their lens."""
     lens = lens_of(RIGS["capsule"])
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(3)
     v, u = (np.mgrid[:lens.height * fine, :lens.width * fine] + 0.5) / fine - 0.5
     rays = np.stack([*lens.ray(*lens.undistort(u, v)), np.ones_like(u)], axis=-1)
     views = []
@@ -131,7 +140,7 @@ def board_views(count, seed=3, fine=4):
 
 
 def test_lens_is_recovered():
-    lens, views = board_views(10)
+    lens, views = board_views()
     blank = ("blank.png", np.full((288, 352), 120, np.uint8))
     found, report = calibrate_lens([*views[:4], blank, *views[4:]], 9, 6, 4.0, 360 * 1.03)
     assert report.without_board == ("blank.png",) and len(report.used) == 10
@@ -143,7 +152,7 @@ def test_lens_is_recovered():
 
 
 def test_too_few_boards_are_refused():
-    _, views = board_views(4)
+    views = board_views()[1][:4]
     blank = ("blank.png", np.full((288, 352), 120, np.uint8))
     with pytest.raises(UserError, match=r"in 4 photographs \(not in blank.png\), at least 5"):
         calibrate_lens([*views, blank], 9, 6, 4.0, 360)
@@ -427,3 +436,154 @@ def test_other_sensor_is_refused(calibration):
     calibration.check_sensor(352, 288)
     with pytest.raises(UserError, match="for a sensor of 352 x 288 pixels, not 640 x 480"):
         calibration.check_sensor(640, 480)
+
+
+# All of it, from noisy frames.
+
+def calibrated(rig, seed, settings, planes=12):
+    """Calibration from simulated plane frames, nominal values off by their default error."""
+    rng = np.random.default_rng(seed)
+    lens = lens_of(rig)
+    settings = with_lens(settings, lens)
+    spots = [find_spots(f"{z}.png", z, render.pattern_frame(rig, scenes.Plane(z), rng)[0],
+                        settings, lens) for z in rig.calibration_planes(planes)]
+    nominal = rigs.nominal(rig, rng)
+    projector = Projector(rig.projector.rows, rig.projector.columns, nominal.pitch_deg,
+                          nominal.rotation_deg, nominal.toe_in_deg, nominal.base_mm)
+    return calibrate_beams(spots, projector, lens, LensReport(0.05), Options(settings), settings)
+
+
+def depth_errors(rig, calibration, kinds, frames, seed):
+    """Relative depth errors of all ok points, and the share of beams found, by the golden model."""
+    rng = np.random.default_rng([seed, 1])
+    chip = Capsule(calibration.settings, calibration.width, calibration.height)
+    errors, found, expected = [], 0, 0
+    for kind in kinds:
+        for scene in scenes.sequence(kind, rig, frames, rng):
+            image, truth = render.pattern_frame(rig, scene, rng)
+            chip.frame(image)
+            points = locate(chip.frame(image).points, 0, calibration, image)
+            points = points[points["status"] == 0]
+            errors.append(np.abs(points["z"] / truth["z_mm"][points["beam"]] - 1))
+            inside = truth["beam"][truth["inside"]]
+            expected += len(inside)
+            found += np.isin(inside, points["beam"]).sum()
+    return np.concatenate(errors), found / expected
+
+
+@pytest.mark.parametrize("name, seed, erosion, limit", [
+    *(("capsule", seed, "gate", 0.0012) for seed in range(5)), ("capsule", 5, "erode", 0.007),
+    ("capsule", 6, "erode", 0.007), ("demonstrator", 7, "gate", 0.0005),
+    ("demonstrator", 8, "gate", 0.0005)])
+def test_depth_is_as_good_as_promised(name, seed, erosion, limit):
+    settings = Settings(erosion=erosion, weighted=erosion == "gate")
+    result = calibrated(RIGS[name], seed, settings)
+    budget = result.calibration.budget
+    assert budget["depth_relative"] <= 1e-4 and budget["undistortion_px"] <= 0.01
+    assert budget["centre_px"] <= 0.005 and budget["line_px"] <= 0.003
+    error, found = depth_errors(RIGS[name], result.calibration, ("plane", "tilted"), 4, seed)
+    assert error.mean() <= limit and found >= 0.97 and (error > 0.05).mean() <= 0.001
+    assert 0.5 < budget["expected_depth_relative"] / error.mean() < 1.5
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    """A small capture folder: 8 chessboards, 6 planes, nominal values off."""
+    folder = tmp_path_factory.mktemp("capture")
+    rig, rng = RIGS["capsule"], np.random.default_rng(21)
+    nominal = rigs.nominal(rig, rng)
+    base = ", ".join(map(str, nominal.base_mm))
+    (folder / "capture.toml").write_text(
+        f"[sensor]\nwidth = 352\nheight = 288\nfocal_px = {nominal.focal_px}\n"
+        f"[projector]\nrows = 7\ncolumns = 7\npitch_deg = {nominal.pitch_deg}\n"
+        f"rotation_deg = {nominal.rotation_deg}\ntoe_in_deg = {nominal.toe_in_deg}\n"
+        f"base_mm = [{base}]\n"
+        "[lens]\nboard_columns = 9\nboard_rows = 6\nsquare_mm = 4.0\n")
+    (folder / "lens").mkdir()
+    for name, image in board_views()[1][:8]:
+        cv2.imwrite(str(folder / "lens" / name), image)
+    (folder / "planes").mkdir()
+    rows = ["file,z_mm"]
+    for number, z in enumerate(rig.calibration_planes(6)):
+        image, _ = render.pattern_frame(rig, scenes.Plane(z), rng)
+        cv2.imwrite(str(folder / "planes" / f"{number}.png"), image)
+        rows.append(f"{number}.png,{z}")
+    (folder / "planes" / "planes.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def changed(capture, tmp_path, edit):
+    """A copy of a capture folder with a change."""
+    copy = tmp_path / "capture"
+    shutil.copytree(capture, copy)
+    edit(copy)
+    return copy
+
+
+def replace_in(path, old, new):
+    """Edit a text file."""
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def test_command_writes_calibration_and_picture(capture, tmp_path, capsys):
+    output = tmp_path / "calibration.json"
+    assert cli.main(["calibrate", capture, "-o", output]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"calibration.json", "calibration.png"}
+    text = capsys.readouterr().out
+    for word in ("px RMS", "line separation", "depth range", "worst beam", "1/z"):
+        assert word in text
+    calibration = file.load(output)
+    assert calibration.settings == replace(calibration.settings, erosion="gate", weighted=True)
+    error, found = depth_errors(RIGS["capsule"], calibration, ("plane",), 4, 23)
+    assert error.mean() <= 0.0012 and found >= 0.97
+    picture = cv2.imread(str(tmp_path / "calibration.png"))
+    assert picture.shape[1] >= 1200 and picture.std() > 20
+
+
+def test_choices_go_into_the_file(capture, tmp_path):
+    output = tmp_path / "calibration.json"
+    assert cli.main(["calibrate", capture, "-o", output, "--no-picture", "--erosion", "off",
+                     "--centre", "binary", "--threshold", "40", "--alpha", "3.5", "--area-min",
+                     "4", "--area-max", "200", "--depth-min", "45", "--depth-max", "100"]) == 0
+    calibration = file.load(output)
+    settings = calibration.settings
+    assert (settings.erosion, settings.weighted, settings.level_fixed, settings.alpha) == (
+        "off", False, 40, 56)
+    assert (settings.area_min, settings.area_max) == (4, 200)
+    assert (calibration.z_min, calibration.z_max) == (45, 100)
+    assert [path.name for path in tmp_path.iterdir()] == ["calibration.json"]
+
+
+@pytest.mark.parametrize("edit, options, message", [
+    (lambda c: None, ["--threshold", "0"],
+     "--threshold must be 1 to 255 or 'adaptive', not '0'"),
+    (lambda c: None, ["--alpha", "16"], "--alpha must be 0 to 15.9, not 16"),
+    (lambda c: None, ["--area-min", "0"], "--area-min must be 1 to 255, not 0"),
+    (lambda c: None, ["--area-min", "9", "--area-max", "8"], "--area-min must not be above"),
+    (lambda c: None, ["--threshold", "255"], "do not form the nominal 7 x 7 mesh"),
+    (lambda c: None, ["--depth-min", "90", "--depth-max", "50"], "The depth range 90 to 50 mm is "),
+    (lambda c: replace_in(c / "capture.toml", "columns = 7", "columns = 6"), [],
+     "continue the 7 x 6 mesh"),
+    (lambda c: replace_in(c / "capture.toml", "board_rows = 6", "board_rows = 5"), [],
+     "The 9 x 5 inner corners of the chessboard were found in"),
+    (lambda c: (c / "planes" / "planes.csv").write_text(
+        "\n".join((c / "planes" / "planes.csv").read_text().splitlines()[:4]) + "\n"), [],
+     "show 3 distances, at least 4"),
+    (lambda c: replace_in(c / "capture.toml", "width = 352", "width = 640"), [], "640"),
+], ids=["threshold", "alpha", "area", "areas", "dark", "depth", "mesh", "board", "planes", "size"])
+def test_command_refuses_in_one_sentence(capture, tmp_path, capsys, edit, options, message):
+    folder = changed(capture, tmp_path, edit)
+    output = tmp_path / "out.json"
+    assert cli.main(["calibrate", folder, "-o", output, *options]) == 2
+    text = capsys.readouterr().err
+    assert text.startswith("cyclope: ") and message in text and text.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["capture"]
+
+
+def test_output_that_cannot_be_written_is_refused(capture, tmp_path, capsys):
+    assert cli.main(["calibrate", capture, "-o", tmp_path]) == 2
+    assert "is a folder: name a file" in capsys.readouterr().err
+    assert cli.main(["calibrate", capture, "-o", tmp_path / "none" / "calibration.json"]) == 2
+    assert "does not exist" in capsys.readouterr().err

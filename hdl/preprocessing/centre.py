@@ -112,17 +112,16 @@ class Centring(wiring.Component):
                 m.d.comb += interpolate.eq(1)
                 m.d.sync += complement.eq(interpolated[3:])
                 m.next = "MULTIPLY"
-            with m.State("MULTIPLY"):
-                with m.If(~self.o.valid | self.o.ready):
-                    m.d.comb += self.i.ready.eq(1)
-                    m.d.sync += [
-                        self.o.valid.eq(1),
-                        self.o.p.end.eq(spot.end),
-                        self.o.p.rejected.eq(spot.rejected),
-                        self.o.p.area.eq(spot.area),
-                        self.o.p.u.eq(result[0]),
-                        self.o.p.v.eq(result[1]),
-                    ]
-                    m.next = "LOAD"
+            with m.State("MULTIPLY"), m.If(~self.o.valid | self.o.ready):
+                m.d.comb += self.i.ready.eq(1)
+                m.d.sync += [
+                    self.o.valid.eq(1),
+                    self.o.p.end.eq(spot.end),
+                    self.o.p.rejected.eq(spot.rejected),
+                    self.o.p.area.eq(spot.area),
+                    self.o.p.u.eq(result[0]),
+                    self.o.p.v.eq(result[1]),
+                ]
+                m.next = "LOAD"
 
         return m

@@ -85,7 +85,7 @@ def directed_frames(width, height):
     frames["columns"] = np.where(column % 2, 200, 0)
     frames["rows"] = np.where(row % 2, 200, 0)
     bottom = black.copy()
-    for place in range(2, width - 4, max(5, width // 64)):
+    for place in range(2, width - 4, max(5, width // 56)):
         bottom[-4:, place:place + 3] = 180
     frames["spots end on the last row"] = bottom
     spots = spot_frame(width, height, 3)

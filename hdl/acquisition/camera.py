@@ -25,9 +25,11 @@ class Camera(wiring.Component):
       frame is short (``frame_valid`` falls before its last pixel): bad sync;
     - pixels come after the frame's last one: bad sync, but the frame itself is good, and the
       ``broken`` beat follows it;
-    - the queue between the clocks is full: overrun.
+    - the queue between the clocks is full: overrun. It lasts until there is room for the
+      ``broken`` beat, and counts once; frames that begin before that are lost without a trace.
 
     After that the camera waits for the next frame, which is whole. It also does so after reset.
+    A ``broken`` beat may so come without any pixel before it.
     The system may be slower than the imager only by what the queue of 16 pixels evens out.
 
     Parameters
@@ -64,8 +66,9 @@ class Camera(wiring.Component):
         m.submodules.queue = queue = AsyncFIFO(
             width=Shape.cast(GreyPixel).width, depth=_QUEUE, w_domain="pixel", r_domain="sync")
 
-        # The pins, and what they were a clock before.
-        frame, line, grey = Signal(), Signal(), Signal(8)
+        # The pins, and what they were a clock before. Out of reset, a frame seems to be on: one
+        # that has already begun must not be taken for a new one.
+        frame, line, grey = Signal(init=1), Signal(), Signal(8)
         frame_before, line_before = Signal(init=1), Signal()
         m.d.pixel += [
             frame.eq(self.frame_valid), line.eq(self.line_valid), grey.eq(self.data),

@@ -1,8 +1,12 @@
 # amaranth: UnusedElaboratable=no
+import numpy as np
 import pytest
 
+from hdl.payloads import Match, Undistorted
 from hdl.stereo.epipolar import Epipolar
+from model.stereo.epipolar import match, pack_line, pack_window
 from tb.hdlsim import run
+from tb.native_block import NativeBlock, pack, unpack
 
 TWIN = ["hdl/stereo/epipolar.vhd"]
 
@@ -35,3 +39,45 @@ def test_wrong_parameters(beams, lanes, error):
     with pytest.raises(ValueError) as caught:
         Epipolar(beams, lanes)
     assert str(caught.value) == error
+
+
+@pytest.mark.parametrize("beams,lanes", [(49, 2), (49, 8)])
+@pytest.mark.parametrize("gap,stall", [(0.0, 0.0), (0.9, 0.1), (0.1, 0.9)])
+@pytest.mark.parametrize("seed", [1])
+def test_heavy_traffic(beams, lanes, gap, stall, seed):
+    """20,000 spots, most of them about a tolerance away from a line."""
+    rng = np.random.default_rng([seed, lanes])
+    slope = rng.integers(-8000, 8000, beams)
+    offset = (np.arange(beams) - beams // 2) * 1500 + rng.integers(-300, 300, beams)
+    tolerance = rng.integers(0, 64, beams)
+    limits = np.sort(rng.integers(-4096, 4096, (2, beams)), axis=0)
+    line, window = pack_line(slope, offset), pack_window(tolerance, *limits)
+
+    block = NativeBlock(Epipolar(beams, lanes))
+    block.reset()
+    for beam in range(beams):
+        block.set(write_enable=1, write_address=beam, write_line=int(line[beam]),
+                  write_window=int(window[beam]))
+        block.stream(np.empty((0, 3)), idle=1)
+    block.set(write_enable=0)
+
+    count = 20_000
+    which = rng.integers(0, beams, count)
+    x = rng.integers(-(1 << 17), 1 << 17, count)
+    y = ((slope[which] * x + (1 << 16)) >> 17) + offset[which]
+    y += rng.choice([-1, 1], count) * ((tolerance[which] << 4) + rng.integers(-40, 3, count))
+    fields = {
+        "end": np.zeros(count, int), "rejected": (rng.random(count) < 0.02).astype(int),
+        "area": rng.integers(1, 256, count), "u": rng.integers(0, 1 << 18, count),
+        "v": rng.integers(0, 1 << 18, count), "x": x, "y": np.clip(y, -(1 << 17), (1 << 17) - 1)}
+    beats = block.stream(pack(Undistorted, **fields), gap=gap, stall=stall, seed=seed, idle=1000)
+    got = unpack(Match, beats.words)
+    status, beam = match(x, fields["y"], fields["rejected"], line, window)
+    assert len(beats.words) == count
+    assert len(np.unique(status)) == 4
+    wanted = {**fields, "status": status, "beam": beam, "x": x & 0x3FFFF}
+    for name in ("end", "status", "beam", "area", "u", "v", "x"):
+        wrong = np.flatnonzero(got[name] != wanted[name])
+        assert not len(wrong), f"spot {wrong[0]}: {name} is {got[name][wrong[0]]}"
+    if not gap and not stall:
+        assert set(np.diff(beats.clocks)) == {-(-beams // lanes)}

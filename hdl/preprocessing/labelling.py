@@ -293,6 +293,7 @@ class Labelling(wiring.Component):
         emit = Signal()
         close = Signal()
         close_broken = Signal()
+        drop = Signal()
         address = Signal(run_bits + 1)
         hit = Signal()
         m.d.comb += hit.eq(store & (record_read.addr == address))
@@ -315,6 +316,7 @@ class Labelling(wiring.Component):
                 emit.eq(pop & ~entry_next.connected),
                 close.eq(ended),
                 close_broken.eq(lost),
+                drop.eq(clear_b & ~at_b),
                 pixel.eq(of_pixel(core, weight, lit_column, lit_row)),
             ]
             with m.If(start_b | link):
@@ -333,7 +335,7 @@ class Labelling(wiring.Component):
                 m.d.sync += [a.eq(0), depth.eq(0), was_above.eq(0), begun.eq(0)]
             with m.If(clear_b):
                 m.d.sync += [b.eq(0), head.eq(0), was_lit.eq(0)]
-        with m.If(go & ~lit):
+        with m.If(ResetSignal() | go & ~lit):
             m.d.sync += pixel.eq(empty())
 
         # Stage 2: add, store, or let go.
@@ -353,7 +355,7 @@ class Labelling(wiring.Component):
         ]
         with m.If(go):
             m.d.sync += run.eq(sums)
-        with m.If(ResetSignal() | go & store & ~(hit & link)):
+        with m.If(ResetSignal() | go & (drop | store & ~(hit & link))):
             m.d.sync += run.eq(empty())
 
         spot = Signal(Spot, reset_less=True)

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-__all__ = ["components"]
+__all__ = ["components", "last_pixels"]
 
 
 def components(lit, core, excess, weighted):
@@ -11,16 +11,27 @@ def components(lit, core, excess, weighted):
 
     Same arguments, limits and order as :func:`model.preprocessing.labelling.label`.
     """
-    count, labels = cv2.connectedComponents(lit.astype(np.uint8), connectivity=8)
-    rows, columns = np.nonzero(labels)
-    members = np.argsort(labels[rows, columns], kind="stable")
-    ends = np.cumsum(np.bincount(labels[rows, columns], minlength=count)[1:])
     spots = []
-    for pixels in np.split(members, ends[:-1]) if count > 1 else []:
-        v, u = rows[pixels], columns[pixels]
+    for v, u in _members(lit):
         weight = excess[v, u].astype(int) + 1 if weighted else np.ones(len(u), int)
-        spot = [bool(core[v, u].any()), len(u), weight.sum(), weight @ u, weight @ v]
+        spot = [core[v, u].any(), len(u), weight.sum(), weight @ u, weight @ v]
         if len(u) > 255:
             spot[1:] = 256, 0, 0, 0
-        spots.append(((v[-1], u[-1]), tuple(int(value) for value in spot)))
-    return [spot for _, spot in sorted(spots)]
+        spots.append(tuple(int(value) for value in spot))
+    return spots
+
+
+def last_pixels(lit):
+    """Place of every component's last pixel in raster order, in the order of the spots."""
+    return np.array([v[-1] * lit.shape[1] + u[-1] for v, u in _members(lit)], dtype=int)
+
+
+def _members(lit):
+    """(rows, columns) of every component, in raster order; components by their last pixel."""
+    count, labels = cv2.connectedComponents(lit.astype(np.uint8), connectivity=8)
+    rows, columns = np.nonzero(labels)
+    label = labels[rows, columns]
+    members = np.argsort(label, kind="stable")
+    ends = np.cumsum(np.bincount(label, minlength=count)[1:])
+    parts = np.split(members, ends[:-1]) if count > 1 else []
+    return [(rows[part], columns[part]) for part in sorted(parts, key=lambda part: part[-1])]

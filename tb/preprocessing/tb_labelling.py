@@ -1,0 +1,114 @@
+"""cocotb half of the labelling bench: the stream protocol, clock by clock."""
+
+import random
+
+import cocotb
+import numpy as np
+from cocotb.triggers import ClockCycles
+
+from hdl.payloads import MaskPixel, Spot
+from hdl.preprocessing.labelling import Labelling
+from model.oracles.labelling_oracle import components
+from tb.harness import Bench, parameters
+from tb.native_block import pack, unpack
+
+P = parameters()
+WIDTH, HEIGHT = P["width"], P["height"]
+
+
+def words_of(lit, core, excess):
+    v, u = np.mgrid[:HEIGHT, :WIDTH]
+    words = pack(MaskPixel, lit=lit.ravel(), core=core.ravel(), excess=excess.ravel(),
+                 mark_line_end=(u == WIDTH - 1).ravel(),
+                 mark_frame_end=((u == WIDTH - 1) & (v == HEIGHT - 1)).ravel())
+    return [int(word) for word in words[:, 0]]
+
+
+BROKEN = int(pack(MaskPixel, mark_line_end=1, mark_frame_end=1, mark_broken=1)[0, 0])
+
+
+def random_frame(rng, weighted):
+    lit = rng.random((HEIGHT, WIDTH)) < rng.uniform(0.1, 0.8)
+    core = lit & (rng.random(lit.shape) < 0.2)
+    excess = np.where(lit, rng.integers(0, 256, lit.shape), 0).astype(np.uint8)
+    return words_of(lit, core, excess), components(lit, core, excess, weighted)
+
+
+def spots_of(words):
+    """[(core, area, weight, sum_u, sum_v) or "end" or "broken", ...] of spot words."""
+    parts = [[word >> 32 * part & 0xFFFFFFFF for part in range(3)] for word in words]
+    fields = unpack(Spot, np.array(parts, dtype=np.uint32).reshape(-1, 3))
+    names = ("core", "area", "weight", "sum_u", "sum_v")
+    return [("broken" if spot["broken"] else "end") if spot["end"]
+            else tuple(int(spot[name]) for name in names) for spot in fields]
+
+
+async def bench_of(dut, weighted, gap=None, stall=None):
+    bench = Bench(dut, gap=P["gap"] if gap is None else gap,
+                  stall=P["stall"] if stall is None else stall, seed=P["seed"],
+                  plain={"weighted": int(weighted)})
+    await bench.reset()
+    return bench
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+@cocotb.parametrize(weighted=[True, False])
+async def frames_match_oracle(dut, weighted):
+    rng = np.random.default_rng(P["seed"])
+    bench = await bench_of(dut, weighted)
+    stream, want = [], []
+    for _ in range(15):
+        words, spots = random_frame(rng, weighted)
+        stream += words
+        want += [*spots, "end"]
+    await bench.i.send(stream)
+    assert spots_of(await bench.o.receive(len(want))) == want, f"seed {P['seed']}"
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def broken_and_reset(dut):
+    rng, odd = np.random.default_rng(P["seed"]), random.Random(P["seed"])
+    bench = await bench_of(dut, True)
+    for _ in range(6):
+        cut = odd.randrange(WIDTH * HEIGHT)
+        first, spots = random_frame(rng, True)
+        lost, _ = random_frame(rng, True)
+        last, after = random_frame(rng, True)
+        await bench.i.send(first + lost[:cut] + [BROKEN] + last)
+        got = spots_of(await bench.o.receive(len(spots) + 1))
+        assert got == [*spots, "end"], f"seed {P['seed']}, before a break at {cut}"
+        while "broken" not in got:
+            got = spots_of(await bench.o.receive(1))
+        got = spots_of(await bench.o.receive(len(after) + 1))
+        assert got == [*after, "end"], f"seed {P['seed']}, after a break at {cut}"
+        await bench.i.send(lost[:cut])
+        await bench.reset(1)
+        bench.o.words.clear()
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def full_speed(dut):
+    """One pixel a clock, and the end beat as late after the last pixel as the contract says."""
+    rng = np.random.default_rng(P["seed"])
+    bench = await bench_of(dut, True, gap=0, stall=0)
+    stream = sum((random_frame(rng, True)[0] for _ in range(5)), [])
+    await bench.i.send(stream)
+    assert bench.i.taken == list(range(bench.i.taken[0], bench.i.taken[0] + len(stream)))
+    await ClockCycles(dut.clk, WIDTH + 8)
+    clock, word = bench.o.words[-1]
+    assert spots_of([word]) == ["end"]
+    assert clock - bench.i.taken[-1] == WIDTH + 1 + Labelling.latency
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def waits_with_the_pixels(dut):
+    """With a spot that nobody takes, the block stops taking pixels, and loses nothing."""
+    rng = np.random.default_rng(P["seed"])
+    bench = await bench_of(dut, True, gap=0, stall=1.0)
+    words, spots = random_frame(rng, True)
+    sending = cocotb.start_soon(bench.i.send(words))
+    await ClockCycles(dut.clk, 3 * WIDTH * HEIGHT)
+    assert dut.o_valid.value == 1 and dut.i_ready.value == 0 and not sending.done()
+    bench.o.stall = 0.0
+    await sending
+    assert spots_of(await bench.o.receive(len(spots) + 1)) == [*spots, "end"]

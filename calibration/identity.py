@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
 from scripts.errors import UserError
@@ -231,16 +230,39 @@ class _Search:
         return _predict(self.lens, row, column, vector, inverse_z) - place
 
     def solve(self, vector, beams, gate):
-        """Least squares; the nominal values weigh in weakly, for what the planes do not tell."""
-        spots = self._gather(beams)
+        """Robust least squares (Levenberg and Marquardt, in units of the limits).
 
-        def cost(step):
-            error = self._residuals(vector + step * self.limit, *spots)
-            return np.concatenate([error.ravel() / 0.5,
-                                   ((vector - self.start) / self.limit + step) * 0.1])
-        fit = least_squares(cost, np.zeros(7), loss="soft_l1", f_scale=max(1.0, gate / 2),
-                            max_nfev=30)
-        return vector + fit.x * self.limit
+        The nominal values weigh in weakly, for what the planes do not tell.
+        """
+        spots = self._gather(beams)
+        reach = 0.5 * max(1.0, gate / 2)
+        steps = np.concatenate([np.zeros((1, 7)), 1e-4 * np.eye(7)]) * self.limit
+
+        def cost(vector):
+            error = self._residuals(vector, *spots) / reach
+            prior = 0.1 * (vector - self.start) / self.limit
+            return reach**2 * 8 * np.sum(np.sqrt(1 + error**2) - 1) + np.sum(prior**2)
+
+        now, damping = cost(vector), 1e-3
+        for _ in range(30):
+            error = self._residuals(vector + steps, *spots).reshape(8, -1)
+            slope = (error[1:] - error[0]) * 1e4
+            weight = 4 / np.sqrt(1 + (error[0] / reach) ** 2)
+            normal = (slope * weight) @ slope.T + 0.01 * np.eye(7)
+            right = (slope * weight) @ error[0] + 0.01 * (vector - self.start) / self.limit
+            while True:
+                step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
+                then = cost(vector + step * self.limit)
+                if then < now or damping > 1e6:
+                    break
+                damping *= 10
+            if then >= now:
+                break
+            vector, gained, now = vector + step * self.limit, now - then, then
+            damping = max(damping / 10, 1e-9)
+            if gained < 1e-7 * now or np.abs(step).max() < 1e-7:
+                break
+        return vector
 
     def refine(self, vector, gate=_REACH):
         """Assign and solve until nothing changes, with a narrowing gate."""

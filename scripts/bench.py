@@ -1,0 +1,135 @@
+"""``make bench``: speed, accuracy, latency and size, each measured now.
+
+``python -m scripts.bench speed|accuracy|latency|arithmetic|size`` prints one part.
+"""
+
+import sys
+import time
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+__all__ = ["PARTS", "main"]
+
+_FRAMES = 40
+_SEEDS = range(1, 6)
+
+
+def _table(title, *columns):
+    table = Table(title=title, title_justify="left")
+    for index, column in enumerate(columns):
+        table.add_column(column, justify="left" if index == 0 else "right")
+    return table
+
+
+def opencv_points(image, level, camera, distortion):
+    """What the chip does to a frame, by OpenCV: components, centres, undistortion.
+
+    The matching, a thousandth of the work, is left out.
+    """
+    _, mask = cv2.threshold(image, level - 1, 255, cv2.THRESH_BINARY)
+    mask = cv2.erode(mask, np.ones((3, 3), np.uint8))
+    histogram = cv2.calcHist([image], [0], None, [256], [0, 256])
+    count, _, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    if count > 1:
+        cv2.undistortPoints(centres[1:, None], camera, distortion)
+    return histogram, stats
+
+
+def _rate(work, frames, least_seconds=2.0):
+    """Frames per second of ``work(frames)``, repeated until it took long enough; the best run."""
+    best = 0.0
+    begin = time.perf_counter()
+    while time.perf_counter() - begin < least_seconds:
+        start = time.perf_counter()
+        work(frames)
+        best = max(best, len(frames) / (time.perf_counter() - start))
+    return best
+
+
+def speed(console):
+    """Frames a second of every engine and of OpenCV, in one run on one core."""
+    cv2.setNumThreads(1)
+    from hdl.config import PRESETS
+    from scripts.engine import ModelEngine, RTLEngine
+    from tb.system.stimuli import any_settings, spot_frame
+
+    config = PRESETS["capsule"]
+    settings = any_settings(config.width, config.height, config.beams, report_rejected=False,
+                            area_min=5)
+    frames = [spot_frame(config.width, config.height, seed, spots=49) for seed in range(_FRAMES)]
+    rtl = RTLEngine(settings, config)
+    model = ModelEngine(settings, config.width, config.height)
+    list(rtl.frames(frames[:2]))
+    clocks = rtl.clocks
+    list(rtl.frames(frames))
+    clocks = (rtl.clocks - clocks) / (len(frames) + 1)
+    camera = np.array([[300.0, 0, 175.5], [0, 300, 143.5], [0, 0, 1]])
+    rates = {
+        "RTL, native engine": _rate(lambda some: list(rtl.frames(some)), frames, 6.0),
+        "golden model, numpy": _rate(lambda some: list(model.frames(some)), frames),
+        "OpenCV, the same work": _rate(
+            lambda some: [opencv_points(f, 60, camera, np.zeros(4)) for f in some], frames),
+    }
+    cocotb_rate, cocotb_clocks = _cocotb_rate()
+    if cocotb_rate:
+        rates["RTL, cocotb bench"] = cocotb_rate
+    table = _table(f"Speed, {config.width} x {config.height}, one core",
+                   "", "frames/s", "clocks/s", "of video rate (25)", "of OpenCV")
+    for name, rate in rates.items():
+        per_frame = {"RTL, native engine": clocks, "RTL, cocotb bench": cocotb_clocks}.get(name)
+        table.add_row(name, f"{rate:.1f}", f"{rate * per_frame:,.0f}" if per_frame else "",
+                      f"{rate / 25:.2f}", f"{rate / rates['OpenCV, the same work']:.3f}")
+    console.print(table)
+
+
+def _cocotb_rate():
+    from tb.system.frames import cocotb_speed
+    return cocotb_speed()
+
+
+def accuracy(console):
+    """Depth errors of simulated rigs, calibrated from their own captures."""
+    from scripts.figures import depth_figures
+    for table in depth_figures(_SEEDS, console):
+        console.print(table)
+
+
+def latency(console):
+    """Clocks from a frame's last pixel to its last point in the Point FIFO."""
+    from tb.system.frames import last_point_latency
+    table = _table("Last pixel to last point, 64 spots that end on the last row, CIF",
+                   "lanes", "clocks", "limit")
+    for lanes in (2, 8):
+        table.add_row(str(lanes), str(last_point_latency(lanes)), str(3 * 352 + 1000))
+    console.print(table)
+
+
+def size(console):
+    """Look-up tables, flip-flops, multipliers and block RAMs of every block."""
+    from scripts import size as sizes
+    sizes.main([])
+
+
+PARTS = {part.__name__: part for part in (speed, accuracy, latency, size)}
+
+
+def main(arguments=None):
+    """Print the parts that are named, or all; gives the exit status."""
+    names = sys.argv[1:] if arguments is None else arguments
+    unknown = [name for name in names if name not in PARTS]
+    if unknown:
+        print(f"There is no part {unknown[0]!r}; there are: {', '.join(PARTS)}.",
+              file=sys.stderr)
+        return 2
+    console = Console()
+    for name in names or PARTS:
+        PARTS[name](console)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -62,12 +62,12 @@ def draw(result):
     scale = max(4 * lines.sigma_u, 4 * lines.sigma_v, 1e-3)
     arrows = field.quiver(*image, error_u, error_v, data.inverse_z, angles="xy", width=0.0022,
                           scale_units="xy", scale=scale / 12, cmap="viridis")
-    field.quiverkey(arrows, 0.9, 0.04, scale, f"{scale:.2f} px", labelpos="W")
+    field.quiverkey(arrows, 0.95, 1.025, scale, f"{scale:.2f} px", labelpos="W")
     figure.colorbar(arrows, ax=field, label="1/z, 1/mm", shrink=0.7,
                     location="bottom", pad=0.01, aspect=50)
     field.set(xlim=(-0.5, calibration.width - 0.5), ylim=(calibration.height - 0.5, -0.5),
-              aspect="equal",
-              title="What is left: along u from the depth law, along v from the line")
+              aspect="equal")
+    field.set_title("What is left: along u from the depth law, along v from the line", loc="left")
 
     mesh = figure.add_subplot(grid[1, 0])
     residual = lines.residual_v.reshape(calibration.rows, calibration.columns)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from scripts.errors import UserError
 
-__all__ = ["add_arguments", "main"]
+__all__ = ["add_arguments", "add_parser", "main"]
 
 
 def add_arguments(parser):
@@ -39,6 +39,11 @@ def add_arguments(parser):
                         help="farthest distance to measure (default: the farthest plane)")
     parser.add_argument("--no-picture", dest="picture", action="store_false",
                         help="write the calibration only")
+
+
+def add_parser(subparsers):
+    """Add the sub-command to argparse's sub-parsers."""
+    add_arguments(subparsers.add_parser("calibrate", help="learn a rig from its capture folder"))
 
 
 def _settings(arguments):

@@ -1,86 +1,75 @@
-"""``cyclope simulate``: a capture folder of a rig that does not exist."""
+"""``cyclope simulate``: write a capture folder of a simulated rig."""
 
-import os
-import shutil
-import tempfile
+import argparse
 from pathlib import Path
 
 from scripts.errors import UserError
 
-__all__ = ["add_arguments", "main", "simulate"]
+__all__ = ["add_arguments", "add_parser", "main", "run"]
+
+_MOST_FRAMES = 10000
+_KINDS = ("plane", "tilted", "polyp", "tube", "mixed")
+_RIGS = ("capsule", "demonstrator", "small")
 
 
 def add_arguments(parser):
     """Declare what ``cyclope simulate`` takes."""
     parser.description = (
-        "Write a capture folder of a simulated rig: chessboard photographs, plane frames, frames "
-        "to measure, and truth.csv with the exact truth of every beam.")
-    parser.add_argument("kind", metavar="KIND",
-                        help="what the frames show: plane, tilted, polyp, tube, or mixed")
+        "Write a capture folder as a rig would record it: chessboard photographs, plane frames, "
+        "frames to measure with their texture, nominal values that are not quite right, and the "
+        "truth. The same arguments give the same bytes.")
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = (
+        "kinds:\n"
+        "  plane   flat targets square to the axis, at other distances than the calibration's\n"
+        "  tilted  flat targets tilted by up to 35 degrees\n"
+        "  polyp   domes and stalked polyps on a gut wall\n"
+        "  tube    a gut with haustral folds, seen obliquely\n"
+        "  mixed   one of each in turn\n"
+        "rigs:\n"
+        "  capsule       352 x 288,  7 x 7 beams,   5 mm base,   40 to  110 mm\n"
+        "  demonstrator  352 x 288,  7 x 7 beams, 150 mm base,  600 to 1100 mm\n"
+        "  small          64 x 64,   4 x 4 beams,   5 mm base,   40 to  110 mm\n")
+    parser.add_argument("kind", metavar="KIND", choices=_KINDS, help="what the rig looks at")
     parser.add_argument("output", type=Path, metavar="OUT",
                         help="folder to create; it must not hold anything yet")
-    parser.add_argument(
-        "--rig", default="capsule",
-        help="capsule (default; CIF, 5 mm base, 40-110 mm), demonstrator (CIF, 150 mm base, "
-             "600-1100 mm) or small (64 x 64, 5 mm base)")
-    parser.add_argument("--frames", type=int, default=8, metavar="N",
-                        help="frames to measure (default: 8)")
-    parser.add_argument("--seed", type=int, default=1, metavar="N",
-                        help="another seed is another rig capture (default: 1)")
+    parser.add_argument("--rig", choices=_RIGS, default="capsule", help="default: capsule")
+    parser.add_argument("--seed", type=int, default=0, metavar="N",
+                        help="of everything random, 0 or more; default: 0")
+    parser.add_argument("--frames", type=int, default=10, metavar="N",
+                        help="frames to measure; default: 10")
 
 
-def simulate(kind, output, rig="capsule", frames=8, seed=1, progress=None):
-    """Write a capture folder; nothing is left behind if that fails.
-
-    Raises
-    ------
-    UserError
-        If there is no such kind or rig, or the folder cannot be made or holds something.
-    """
-    from model.optics import capture, scenes
-    from model.optics.rigs import RIGS
-
-    output = Path(output)
-    if rig not in RIGS:
-        raise UserError(f"There is no rig '{rig}'; choose one of {', '.join(RIGS)}.")
-    if kind not in scenes.KINDS:
-        raise UserError(f"There is no scene of the kind '{kind}'; choose one of "
-                        f"{', '.join(scenes.KINDS)}.")
-    if not 1 <= frames <= 9999:
-        raise UserError(f"--frames must be 1 to 9999, not {frames}.")
-    if seed < 0:
-        raise UserError(f"--seed must not be negative, and {seed} is.")
-    if output.exists() and not output.is_dir():
-        raise UserError(f"{output} is a file: name a folder that does not exist yet.")
-    if output.is_dir() and any(output.iterdir()):
-        raise UserError(f"{output} is not empty: name a folder that does not exist yet.")
-    partial = None
-    try:
-        output.absolute().parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f".{output.name}-", dir=output.absolute().parent))
-        partial.chmod(0o755)
-        capture.write(RIGS[rig], kind, partial, frames, seed, progress)
-        os.replace(partial, output)
-    except OSError as error:
-        raise UserError(f"{output} cannot be written: {error.strerror or error}.") from error
-    finally:
-        if partial is not None and partial.exists():
-            shutil.rmtree(partial, ignore_errors=True)
+def add_parser(subparsers):
+    """Add the sub-command to argparse's sub-parsers."""
+    add_arguments(subparsers.add_parser(
+        "simulate", help="write a capture folder of a simulated rig"))
 
 
 def main(arguments):
-    """Run with parsed arguments; gives the exit status."""
-    from rich import progress
+    """Write the folder; gives the exit status."""
+    if arguments.seed < 0:
+        raise UserError(f"--seed must be 0 or more, not {arguments.seed}.")
+    if not 1 <= arguments.frames <= _MOST_FRAMES:
+        raise UserError(f"--frames must be 1 to {_MOST_FRAMES}, not {arguments.frames}.")
+
     from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    from model.optics import capture
+    from model.optics.rigs import RIGS
+    from scripts.outputs import new_folder
 
     errors = Console(stderr=True)
-    with progress.Progress(
-            progress.TextColumn("{task.description}"), progress.BarColumn(),
-            progress.MofNCompleteColumn(), console=errors, transient=True,
-            disable=not errors.is_terminal) as bar:
-        task = bar.add_task("pictures", total=None)
-        simulate(arguments.kind, arguments.output, arguments.rig, arguments.frames,
-                 arguments.seed,
-                 lambda done, total: bar.update(task, completed=done, total=total))
-    print(f"capture in {arguments.output}")
+    bar = Progress(TextColumn("simulating {task.description}"), BarColumn(), MofNCompleteColumn(),
+                   console=errors, transient=True, disable=not errors.is_terminal)
+    with new_folder(arguments.output) as folder, bar:
+        task = bar.add_task("lens", total=capture.pictures(arguments.frames))
+        capture.write(folder, arguments.kind, RIGS[arguments.rig], arguments.seed,
+                      arguments.frames,
+                      progress=lambda name: bar.update(task, advance=1, description=name))
+    print(f"{arguments.frames} frames of a simulated {arguments.rig} rig in {arguments.output}")
     return 0
+
+
+run = main

@@ -1,5 +1,8 @@
 """Frames as the sensor delivers them, with the truth of every beam."""
 
+from dataclasses import dataclass
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from scipy.special import erf
@@ -175,3 +178,158 @@ def pattern_frame(
     """A pattern frame (uint8, height x width) and its truth (`TRUTH`, one row per beam)."""
     levels, truth = pattern_levels(rig, scene)
     return expose(rig, levels + background(rig, rng), rng), truth
+
+
+def surface(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray]:
+    """Where the rays of every second pixel in u and v meet the scene, by sphere tracing.
+
+    For pictures, not for truth: good to about a thousandth of the distance.
+
+    Returns
+    -------
+    points : :class:`numpy.ndarray`, (ceil(height / 2), ceil(width / 2), 3)
+        Millimetres, NaN where the ray meets nothing.
+    directions : :class:`numpy.ndarray`, of the same shape
+        Unit vectors of the rays.
+    """
+    camera = rig.camera
+    v, u = np.mgrid[0.5:camera.height:2, 0.5:camera.width:2]
+    directions = camera.normalise(np.stack([u, v], axis=-1))
+    directions = np.concatenate([directions, np.ones((*u.shape, 1))], axis=-1)
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    rays = directions.reshape(-1, 3)
+    distance = np.full(len(rays), 1e-3)
+    active = np.arange(len(rays))
+    close = 5e-4 * rig.middle_mm
+    for _ in range(120):
+        clearance = scene.clearance(rays[active] * distance[active, None])
+        distance[active] += np.maximum(clearance, close / 4)
+        active = active[(clearance > close) & (distance[active] < 4 * rig.range_mm[1])]
+        if not len(active):
+            break
+    distance[distance >= 4 * rig.range_mm[1]] = np.nan
+    return (rays * distance[:, None]).reshape(directions.shape), directions
+
+
+def texture_frame(rig: Rig, scene, rng: np.random.Generator) -> np.ndarray:
+    """What the sensor sees without laser, long exposed and lit from beside the camera (uint8)."""
+    camera = rig.camera
+    points, directions = surface(rig, scene)
+    known = ~np.isnan(points[..., 0])
+    normal = scenes.normals(scene, np.nan_to_num(points, nan=1.0), 0.05 * rig.scale)
+    cosine = np.maximum(-(normal * directions).sum(axis=-1), 0)
+    square = (points**2).sum(axis=-1) / rig.middle_mm**2
+    # Tissue: blotches and thin dark vessels, fixed to the surface.
+    waves = rng.normal(size=(6, 3)) / rig.scale * np.array([0.15, 0.2, 0.3, 0.4, 0.6, 0.8])[:, None]
+    phase = rng.uniform(0, 2 * np.pi, 6)
+    ripple = np.sin(points @ waves.T + phase)
+    blotches = ripple.mean(axis=-1)
+    vessels = np.exp(-((ripple[..., 0] + ripple[..., 2] + 0.6 * ripple[..., 4]) / 0.12) ** 2)
+    bright = (0.15 + 0.85 * cosine) / square * (1 + 0.25 * blotches) * (1 - 0.35 * vessels)
+    bright = np.where(known, bright, 0)
+    bright *= 150 / max(np.quantile(bright, 0.9), 1e-9)
+    bright = cv2.resize(bright, (2 * bright.shape[1], 2 * bright.shape[0]),
+                        interpolation=cv2.INTER_LINEAR)[:camera.height, :camera.width]
+    # Long exposures are gently limited, as an imager's knee does.
+    return expose(rig, 250 * (1 - np.exp(-bright / 170)) * vignette(rig), rng)
+
+
+@lru_cache(maxsize=2)
+def _rays(camera, fine: int) -> np.ndarray:
+    """Normalised coordinates of fine x fine samples in each pixel."""
+    v = (np.arange(camera.height * fine) + 0.5) / fine - 0.5
+    u = (np.arange(camera.width * fine) + 0.5) / fine - 0.5
+    return camera.normalise(np.stack(np.meshgrid(u, v), axis=-1))
+
+
+@dataclass(frozen=True)
+class BoardPose:
+    """The board's first outer corner (mm, camera coordinates) and its directions (columns of a
+    rotation matrix): along the columns' index, along the rows' index, away from the camera."""
+
+    corner_mm: np.ndarray
+    rotation: np.ndarray
+
+    def points(self, board, squares: np.ndarray) -> np.ndarray:
+        """Places (..., 2) on the board, in squares from its outer corner, in space."""
+        return self.corner_mm + board.square_mm * (
+            np.asarray(squares, dtype=float) @ self.rotation[:, :2].T)
+
+    def corners(self, rig: Rig) -> np.ndarray:
+        """Image coordinates of the inner corners (rows * columns, 2), row by row."""
+        row, column = np.divmod(np.arange(rig.board.rows * rig.board.columns), rig.board.columns)
+        squares = np.stack([column + 1, row + 1], axis=-1)
+        return rig.camera.project(self.points(rig.board, squares))
+
+
+def chessboard(rig: Rig, pose: BoardPose, rng: np.random.Generator, fine: int = 4) -> np.ndarray:
+    """Photograph of the chessboard (uint8): fine x fine samples a pixel, blurred by the lens."""
+    camera, board = rig.camera, rig.board
+    rays = _rays(camera, fine)
+    # The plane's points are corner + R (x, y, 0): the homography's inverse takes rays to squares.
+    plane = np.column_stack([pose.rotation[:, :2] * board.square_mm, pose.corner_mm])
+    inverse = np.linalg.inv(plane)
+    scale = rays @ inverse[2, :2] + inverse[2, 2]
+    column = np.floor((rays @ inverse[0, :2] + inverse[0, 2]) / scale).astype(np.int32)
+    row = np.floor((rays @ inverse[1, :2] + inverse[1, 2]) / scale).astype(np.int32)
+    columns, rows = board.columns + 1, board.rows + 1
+    paper = (column >= -1) & (column <= columns) & (row >= -1) & (row <= rows) & (scale > 0)
+    black = (column >= 0) & (column < columns) & (row >= 0) & (row < rows) & (
+        (column + row) % 2 == 0)
+    levels = np.where(paper, np.where(black, 35.0, 205.0), 120.0)
+    levels = levels.reshape(camera.height, fine, camera.width, fine).mean(axis=(1, 3))
+    levels = cv2.GaussianBlur(levels, (0, 0), 0.8 * rig.spots.blur_px)
+    slope = rng.uniform(-0.15, 0.15, 2)
+    u = np.linspace(-1, 1, camera.width)
+    v = np.linspace(-1, 1, camera.height)[:, None]
+    light = (1 + slope[0] * u + slope[1] * v) * (1 - 0.5 * (1 - vignette(rig)))
+    return expose(rig, levels * light, rng)
+
+
+#: Where the boards are pushed to, in turn, so that together they fill the image.
+_TOWARDS = ((0, 0), (-1, -1), (1, 1), (1, -1), (-1, 1), (-1, 0), (1, 0), (0, -1), (0, 1))
+
+
+def board_pose(rig: Rig, number: int, rng: np.random.Generator) -> BoardPose:
+    """A pose for photograph `number`: tilted, and pushed to one side until it meets the border."""
+    camera, board = rig.camera, rig.board
+    columns, rows = board.columns + 1, board.rows + 1
+    outline = np.array([[x, y] for x in (-0.4, columns / 2, columns + 0.4)
+                        for y in (-0.4, rows / 2, rows + 0.4)])
+    tilt = 0.6 if camera.width > 128 else 0.45
+    towards = np.array(_TOWARDS[number % len(_TOWARDS)])
+    while True:
+        turn, _ = cv2.Rodrigues(np.array([*rng.uniform(-tilt, tilt, 2), rng.uniform(-0.25, 0.25)]))
+        share = rng.uniform(0.55, 0.9) if camera.width > 128 else rng.uniform(0.78, 0.95)
+        distance = camera.focal_px * board.square_mm * max(
+            columns / camera.width, rows / camera.height) / share
+        middle = turn[:, :2] @ (np.array([columns, rows]) / 2 * board.square_mm)
+
+        def pose(push, turn=turn, middle=middle, distance=distance):
+            aside = np.array([*(push * towards * distance), 0])
+            return BoardPose(np.array([0, 0, distance]) + aside - middle, turn)
+
+        def fits(push, pose=pose):
+            points = pose(push).points(board, outline)
+            return (points[:, 2] > 0.2 * distance).all() and camera.inside(  # noqa: B023
+                camera.project(points), 1.5).all()
+
+        if not fits(0.0):
+            continue
+        low, high = 0.0, 1.0
+        for _ in range(12):
+            half = (low + high) / 2
+            low, high = (half, high) if fits(half) else (low, half)
+        return pose(low)
+
+
+def board_photograph(
+    rig: Rig, number: int, rng: np.random.Generator
+) -> tuple[np.ndarray, BoardPose]:
+    """A photograph on which OpenCV finds every inner corner, and the board's pose."""
+    size = rig.board.columns, rig.board.rows
+    while True:
+        pose = board_pose(rig, number, rng)
+        image = chessboard(rig, pose, rng)
+        if cv2.findChessboardCorners(image, size)[0]:
+            return image, pose

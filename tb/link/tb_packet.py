@@ -54,18 +54,18 @@ async def random_sizes(dut, gap, stall, seed):
     assert not bench.o.words
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.7], stall=[0.0, 0.6])
 async def frames_match_model(dut, gap, stall):
     await random_sizes(dut, gap, stall, parameters()["seed"])
 
 
-@cocotb.test(skip="gap" not in parameters())
+@cocotb.test(timeout_time=1, timeout_unit="ms", skip="gap" not in parameters())
 async def random_frames(dut):
     await random_sizes(dut, parameters()["gap"], parameters()["stall"], parameters()["seed"])
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def vectors_are_sent(dut):
     """Octet for octet what the file of vectors says."""
     bench = make(dut, 0.0, 0.0, 1)
@@ -81,7 +81,7 @@ async def vectors_are_sent(dut):
         assert got == octets, f"{name}: got {got.hex()}, not {octets.hex()}"
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def boundary_values(dut):
     """All zeros and all ones."""
     bench = make(dut, 0.0, 0.0, parameters()["seed"])
@@ -100,7 +100,7 @@ async def boundary_values(dut):
     await check(bench, frames)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def fullest_packets(dut):
     """A packet takes one more point at 77 octets, not at 78, and stays within 100."""
     rng = random.Random(5)
@@ -119,7 +119,7 @@ async def fullest_packets(dut):
     assert lengths[2] < 84 and 98 <= max(lengths) <= 100, lengths
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def all_packet_numbers(dut):
     """The packet number wraps; so does nothing else."""
     bench = make(dut, 0.0, 0.0, 1)
@@ -129,7 +129,7 @@ async def all_packet_numbers(dut):
     assert await check(bench, frames) == 4
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def camera_counters(dut):
     bench = make(dut, 0.0, 0.0, 1)
     await bench.reset()
@@ -149,7 +149,7 @@ async def camera_counters(dut):
         assert got == expected
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def waits_for_all_it_needs(dut):
     """Without info, or without counts at the end, nothing opens; valid never waits for ready."""
     bench = make(dut, 0.0, 1.0, 1)
@@ -173,7 +173,7 @@ async def waits_for_all_it_needs(dut):
     assert taken == expected.index(b"\x7e\x7e") + 1
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def octets_keep_up_with_the_line(dut):
     """Ten clocks or fewer from octet to octet, so that a line of one clock a bit never idles."""
     bench = make(dut, 0.0, 0.0, 1)
@@ -188,7 +188,7 @@ async def octets_keep_up_with_the_line(dut):
     assert max(steps) <= 10, steps
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(clocks=[3, 40, 150, 700, 1100])
 async def reset_forgets(dut, clocks):
     """After a reset in the middle of a packet counts and numbers start again."""

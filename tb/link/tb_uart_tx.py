@@ -43,7 +43,7 @@ def make(dut, divisor, gap=0.0, seed=1):
     return Bench(dut, outputs=(), gap=gap, seed=seed, plain={"divisor": divisor})
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.9], divisor=[1, 2, 3, 9])
 async def octets_arrive(dut, gap, divisor):
     seed = parameters()["seed"]
@@ -57,7 +57,7 @@ async def octets_arrive(dut, gap, divisor):
     assert line.octets(divisor)[0] == octets
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(divisor=[0, 1, 2, 7, 69])
 async def no_pause_between_octets(dut, divisor):
     """Ten bit times from start bit to start bit, exactly; divisor 0 counts as 1."""
@@ -77,7 +77,7 @@ async def no_pause_between_octets(dut, divisor):
     assert set(steps) == {10 * clocks}
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def start_bit_follows_at_once(dut):
     bench = make(dut, 5)
     await bench.reset()
@@ -96,7 +96,7 @@ async def start_bit_follows_at_once(dut):
         await RisingEdge(dut.clk)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def longest_bit(dut):
     bench = make(dut, 0xFFFF)
     await bench.reset()
@@ -112,7 +112,7 @@ async def longest_bit(dut):
     assert dut.tx.value and not dut.i_ready.value
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def reset_lets_go_of_the_line(dut):
     """High within a clock of reset, wherever the octet is, and whole octets after it."""
     bench = make(dut, 3)

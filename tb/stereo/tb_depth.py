@@ -65,7 +65,7 @@ def usual_table(rng):
     return pack_depth(alpha, beta)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.6], stall=[0.0, 0.6])
 async def spots_match_model(dut, gap, stall):
     seed = parameters()["seed"]
@@ -78,7 +78,7 @@ async def spots_match_model(dut, gap, stall):
     await bench.compare(matches)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def limits_of_the_range(dut):
     """1 and 2**18 - 1 are kept, 0 and 2**18 are rejected, to the bit of the fraction."""
     steps = (-2049, -2048, -2047, -1, 0, 1, 2047, 2048, 2049)
@@ -92,7 +92,7 @@ async def limits_of_the_range(dut):
     assert statuses.count(0) == 36 and statuses.count(3) == 36
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def largest_values(dut):
     """The extremes of x, alpha and beta, which must not wrap."""
     beta = [-BETA_LIMIT, -BETA_LIMIT + 1, -(1 << 34), -1, 0, 1 << 34, BETA_LIMIT - 1]
@@ -110,7 +110,7 @@ async def largest_values(dut):
     assert any(expected(match, bench.table) >> 54 for match in matches[-10:])
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(value=[0, 5 << 12, BETA_LIMIT - 1, -BETA_LIMIT])
 async def other_statuses_pass(dut, value):
     """Noise, ambiguous and rejected spots, and end marks, whatever the table says."""
@@ -123,7 +123,7 @@ async def other_statuses_pass(dut, value):
     await bench.compare(matches)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def throughput_and_latency(dut):
     """A spot every ``latency + 1`` clocks; the point is there after the latency."""
     rng = random.Random(2)
@@ -138,7 +138,7 @@ async def throughput_and_latency(dut):
     assert bench.i.taken == clocks
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def a_point_waits(dut):
     """A stalled point stays, with the table and everything else changing about it."""
     rng = random.Random(4)
@@ -156,7 +156,7 @@ async def a_point_waits(dut):
     await sending
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(clocks=[1, 2, 3, 4, 5, 6, 7])
 async def reset_forgets(dut, clocks):
     rng = random.Random(6)

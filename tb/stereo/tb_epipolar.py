@@ -104,7 +104,7 @@ def near_a_line(rng, line, window):
     return random_spot(rng, x, min(max(y, -1 << 17), (1 << 17) - 1))
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def disabled_until_written(dut):
     """The first test of a run: no word has been written yet, and nothing hits."""
     bench = make(dut)
@@ -113,7 +113,7 @@ async def disabled_until_written(dut):
     await compare(bench, [(0, 0, 3, 4, 5, 0), END, (9, 0, 0, 0, 1, 1)], nothing, nothing)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.6], stall=[0.0, 0.6])
 async def spots_match_model(dut, gap, stall):
     seed = parameters()["seed"]
@@ -130,7 +130,7 @@ async def spots_match_model(dut, gap, stall):
         await compare(bench, spots, line, window)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def tolerance_limits(dut):
     """Exactly the tolerance is no hit, one LSB less is, on both sides; zero disables."""
     bench = make(dut)
@@ -147,7 +147,7 @@ async def tolerance_limits(dut):
             {0: 0, 1: 34, 2: 34}.get(tolerance, 34))
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def rounding_of_the_estimate(dut):
     """Slopes and columns about a half, and the largest there are."""
     bench = make(dut)
@@ -178,7 +178,7 @@ async def load_first(bench, line, window):
     await RisingEdge(dut.clk)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def window_limits(dut):
     """Both limits are inside; outside but on the line is rejected; the rest is noise."""
     bench = make(dut)
@@ -193,7 +193,7 @@ async def window_limits(dut):
         await compare(bench, spots, line, window)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def every_beam_and_every_pair(dut):
     """One hit in each place gives its beam; two hits anywhere, and all at once, are ambiguous."""
     bench = make(dut)
@@ -227,7 +227,7 @@ async def every_beam_and_every_pair(dut):
         await compare(bench, [(x, 0, 0, 0, 1, 0) for x in (319, 320, 351, 352)], line, window)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def throughput_and_latency(dut):
     """A spot every ``ceil(K / P)`` clocks, the first one after the stated latency."""
     bench = make(dut)
@@ -246,7 +246,7 @@ async def throughput_and_latency(dut):
     assert clocks[0] - bench.i.taken[0] == LATENCY - (GROUPS - 1)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def a_stall_loses_nothing(dut):
     """The sink stops for long, again and again; the pipeline is full each time."""
     bench = make(dut)
@@ -266,7 +266,7 @@ async def a_stall_loses_nothing(dut):
     assert got == expected(spots, line, window)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def reset_forgets(dut):
     """A reset in the middle of spots leaves nothing of them; the tables stay."""
     bench = make(dut)

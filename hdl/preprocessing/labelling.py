@@ -12,42 +12,41 @@ __all__ = ["Labelling"]
 
 
 class Labelling(wiring.Component):
-    """Finds the 8-connected components of lit pixels and sums up each one's features.
+    """Finds the 8-connected components of lit pixels and sums up the features of each.
 
     One pixel a clock, frames back to back without blanking, whatever the image. A spot leaves
-    ``latency`` clocks after the pixel that ends its component came in: the one below and to the
-    right of its last pixel, or below it in the last column. That is at most one row and 4 clocks
+    ``latency`` clocks after the pixel that ends its component was taken: the one below and to the
+    right of its last pixel, or just below in the last column. That is at most a row and 4 clocks
     after the last pixel itself. After a frame's last row no further pixel is needed: the row is
-    walked once more, one column a clock, while the next frame's first row may come in at any pace
-    that the walk is never behind of. Then the frame's ``end`` beat leaves. Spots come in the order
-    of their last pixels.
+    walked over once more, one column a clock, while the next frame's first row may come in, and
+    ``latency`` clocks later the frame's ``end`` beat leaves. (In a clock that brings a pixel left
+    of the walk the walk waits.) Spots come in the order of their last pixels.
 
-    Nothing can overflow: all memories are as large as the worst row needs, O(width), and no label
-    image exists. ``i.ready`` falls only while the output register is full and not taken, and for
-    a clock where frames break that fast one after another that their ends queue up.
+    Nothing can overflow. All memories are O(width) and as large as the worst row needs; there is
+    no image of labels. ``i.ready`` is low only while a spot waits in the output register, and for
+    moments when frames break within one row of another frame's end.
 
-    A ``broken`` beat forgets the components that are not finished; those that left stay out, and
-    an ``end`` beat with ``broken`` follows. What the frame before still owes comes first. Reset
-    forgets all.
+    A ``broken`` beat forgets the components that have not ended; then an ``end`` beat with
+    ``broken`` leaves, after all that the frame before still owes. Reset forgets everything.
 
-    **How.** Runs of lit pixels are numbered within their row, from 0. In every column the row above
-    and the current row are compared; a run of each may start, stop, or touch the other: at most one
-    new contact. A component is known by its first run (``head``): ``records`` holds its sums so
-    far, once for the row above and once for the current row. What makes it cheap is that components
-    cannot cross: the runs of a row nest like parentheses. A component that has further runs in
-    the row above waits on a stack until they come, and it is on top when they do::
+    **How.** Lit pixels form runs, numbered from 0 in each row. The row above and the current row
+    are passed together; in a column at most one run above comes into contact with one below. A
+    component goes by its first run (``head``): ``records`` holds its features so far, in one half
+    for the row above and in the other for the current row. What makes this small is that
+    components cannot cross, so a row's runs nest like parentheses: a component that has further
+    runs in the row above waits on a stack, and is on top when the next of them comes::
 
-        row above   11.222.33..2.1..44..1     one digit, one component
-        stack       1  2   3   2 1  4   1     its top while the run above is passed
+        row above   11.222.33..2.1..44..1     a digit for each component
+        stack, top  1  2   3   2 1  4   1     while its run is passed
                        1   2   1    1
                            1
 
-    So no run must remember which component it belongs to: one bit (``carried``) tells that it
-    continues the top of the stack, and its number, when equal to the ``tail`` of the top, that it
-    is its component's last and the entry is popped. If nothing in the current row has touched the
-    component by then, it is complete and leaves. Where a run of the current row touches two
-    components, they become one by adding the later record to the earlier; ``joined`` notes that
-    the entry below on the stack is the same component already, which must not be added twice.
+    A run thus need not know its component. One bit (``carried``) tells that it belongs to the top
+    of the stack rather than to a new component, and its number that it is the component's last run
+    (``tail``), with which the entry goes. A component that goes without contact to the current row
+    has ended, and its record leaves as a spot. When a run below comes into contact with a second
+    component, the later record of the current row is added to the earlier one. ``joined`` notes
+    where the entry below on the stack is of the same component, so that it is not added twice.
 
     Parameters
     ----------
@@ -272,7 +271,7 @@ class Labelling(wiring.Component):
             record_read.addr.eq(Cat(entry.head, ~(parity ^ entry.connected))),
         ]
 
-        # The entry is written in place in every step; below the stack's first entry nothing counts.
+        # Every step writes the top entry in place; with the stack empty that place does not matter.
         last = Signal()
         pop = Signal()
         depth = Signal(depth_bits)
@@ -342,7 +341,8 @@ class Labelling(wiring.Component):
         found = record_read.data.features
         stored = Signal(Features)
         sums = Signal(Features)
-        # Kept, so that synthesis does not make one larger adder of three operands of two of two.
+        # Kept, and named to come before `stored`: yosys would otherwise make adders of three
+        # operands, or gates of their own for `stored`, both at twice the size.
         partial = Signal(Features, attrs={"keep": 1})
         m.d.comb += [
             stored.eq(Mux(add, found.as_value(), 0)),

@@ -192,11 +192,7 @@ def surface(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray]:
     directions : :class:`numpy.ndarray`, of the same shape
         Unit vectors of the rays.
     """
-    camera = rig.camera
-    v, u = np.mgrid[0.5:camera.height:2, 0.5:camera.width:2]
-    directions = camera.normalise(np.stack([u, v], axis=-1))
-    directions = np.concatenate([directions, np.ones((*u.shape, 1))], axis=-1)
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    directions = _directions(rig.camera)
     rays = directions.reshape(-1, 3)
     distance = np.full(len(rays), 1e-3)
     active = np.arange(len(rays))
@@ -236,10 +232,19 @@ def texture_frame(rig: Rig, scene, rng: np.random.Generator) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def _rays(camera, fine: int) -> np.ndarray:
-    """Normalised coordinates of fine x fine samples in each pixel."""
+    """Normalised coordinates (float32) of fine x fine samples in each pixel."""
     v = (np.arange(camera.height * fine) + 0.5) / fine - 0.5
     u = (np.arange(camera.width * fine) + 0.5) / fine - 0.5
-    return camera.normalise(np.stack(np.meshgrid(u, v), axis=-1))
+    return camera.normalise(np.stack(np.meshgrid(u, v), axis=-1)).astype(np.float32)
+
+
+@lru_cache(maxsize=4)
+def _directions(camera) -> np.ndarray:
+    """Unit vectors of the rays between the pixels of each 2 x 2."""
+    v, u = np.mgrid[0.5:camera.height:2, 0.5:camera.width:2]
+    directions = camera.normalise(np.stack([u, v], axis=-1))
+    directions = np.concatenate([directions, np.ones((*u.shape, 1))], axis=-1)
+    return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -265,19 +270,33 @@ class BoardPose:
 def chessboard(rig: Rig, pose: BoardPose, rng: np.random.Generator, fine: int = 4) -> np.ndarray:
     """Photograph of the chessboard (uint8): fine x fine samples a pixel, blurred by the lens."""
     camera, board = rig.camera, rig.board
-    rays = _rays(camera, fine)
+    columns, rows = board.columns + 1, board.rows + 1
+    # Only the rectangle of pixels that the paper may cover is looked at: its outline, a square
+    # around the board, is convex in space and nearly so in the image.
+    side = np.linspace(0, 1, 9)
+    outline = np.concatenate([
+        np.stack(np.broadcast_arrays(x, y), axis=-1).reshape(-1, 2) for x, y in (
+            (side * (columns + 2) - 1, -1), (side * (columns + 2) - 1, rows + 1),
+            (-1, side * (rows + 2) - 1), (columns + 1, side * (rows + 2) - 1))])
+    image = camera.project(pose.points(board, outline))
+    limits = np.array([camera.width, camera.height])
+    left, top = np.clip(np.floor(image.min(axis=0)).astype(int) - 2, 0, limits)
+    right, bottom = np.clip(np.ceil(image.max(axis=0)).astype(int) + 3, 0, limits)
+    rays = _rays(camera, fine)[top * fine:bottom * fine, left * fine:right * fine]
     # The plane's points are corner + R (x, y, 0): the homography's inverse takes rays to squares.
     plane = np.column_stack([pose.rotation[:, :2] * board.square_mm, pose.corner_mm])
-    inverse = np.linalg.inv(plane)
-    scale = rays @ inverse[2, :2] + inverse[2, 2]
-    column = np.floor((rays @ inverse[0, :2] + inverse[0, 2]) / scale).astype(np.int32)
-    row = np.floor((rays @ inverse[1, :2] + inverse[1, 2]) / scale).astype(np.int32)
-    columns, rows = board.columns + 1, board.rows + 1
-    paper = (column >= -1) & (column <= columns) & (row >= -1) & (row <= rows) & (scale > 0)
+    inverse = np.linalg.inv(plane).astype(np.float32)
+    x, y = rays[..., 0], rays[..., 1]
+    scale = inverse[2, 0] * x + inverse[2, 1] * y + inverse[2, 2]
+    column = np.floor((inverse[0, 0] * x + inverse[0, 1] * y + inverse[0, 2]) / scale)
+    row = np.floor((inverse[1, 0] * x + inverse[1, 1] * y + inverse[1, 2]) / scale)
+    paper = (column >= -1) & (column <= columns) & (row >= -1) & (row <= rows)
     black = (column >= 0) & (column < columns) & (row >= 0) & (row < rows) & (
         (column + row) % 2 == 0)
-    levels = np.where(paper, np.where(black, 35.0, 205.0), 120.0)
-    levels = levels.reshape(camera.height, fine, camera.width, fine).mean(axis=(1, 3))
+    part = np.where(paper, np.where(black, np.float32(35), np.float32(205)), np.float32(120))
+    levels = np.full((camera.height, camera.width), 120.0)
+    levels[top:bottom, left:right] = part.reshape(
+        bottom - top, fine, right - left, fine).mean(axis=(1, 3))
     levels = cv2.GaussianBlur(levels, (0, 0), 0.8 * rig.spots.blur_px)
     slope = rng.uniform(-0.15, 0.15, 2)
     u = np.linspace(-1, 1, camera.width)

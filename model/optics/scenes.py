@@ -5,7 +5,8 @@ camera and tissue, negative in the tissue, zero on the surface, smooth, and neve
 about 1 per mm, so that it bounds the distance to the surface from below or nearly so.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -20,7 +21,8 @@ def _unit(vector) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-def _frame(axis) -> np.ndarray:
+@lru_cache(maxsize=64)
+def _frame(axis: tuple) -> np.ndarray:
     """A right-handed orthonormal frame (rows) whose last row is `axis`."""
     axis = _unit(axis)
     helper = np.eye(3)[np.argmin(np.abs(axis))]
@@ -70,7 +72,7 @@ class Polyp:
         normal = self.wall.normal
         foot = np.array([*self.place_mm, 0.0])
         foot[2] = self.wall.distance_mm - (foot @ normal) / normal[2]
-        first, second, _ = _frame(normal)
+        first, second, _ = _frame(tuple(normal))
         angle = np.radians(self.turn_deg)
         along = np.cos(angle) * first + np.sin(angle) * second
         across = np.cross(normal, along)
@@ -109,7 +111,7 @@ class Tube:
 
     def clearance(self, points: np.ndarray) -> np.ndarray:
         """Distance to the wall, less what a fold's slope makes of it."""
-        first, second, axis = _frame(self.axis)
+        first, second, axis = _frame(tuple(self.axis))
         offset = points - np.asarray(self.axis_point_mm, dtype=float)
         x, y, along = offset @ first, offset @ second, offset @ axis
         radius = np.sqrt(x * x + y * y + 1e-12)
@@ -118,8 +120,8 @@ class Tube:
         # Three taeniae hold the wall out: there, the folds are shallow. cos 3 phi without angles.
         turned = np.radians(self.phase_deg)
         cosine, sine = np.cos(turned), np.sin(turned)
-        c, s = (cosine * x - sine * y) / radius, (sine * x + cosine * y) / radius
-        lobes = 0.7 + 0.3 * (4 * c**3 - 3 * c + 0 * s)
+        c = (cosine * x - sine * y) / radius
+        lobes = 0.7 + 0.3 * (4 * c**3 - 3 * c)
         wall = self.radius_mm - self.fold_depth_mm * ridge * lobes * np.minimum(
             1, radius / self.radius_mm
         )
@@ -183,15 +185,6 @@ def normals(scene, points: np.ndarray, step_mm: float) -> np.ndarray:
         for offset in np.eye(3) * step_mm
     ], axis=-1)
     return gradient / np.linalg.norm(gradient, axis=-1, keepdims=True)
-
-
-@dataclass(frozen=True)
-class _Range:
-    """Distances between which scenes are placed, and the scale they have there."""
-
-    low: float
-    high: float
-    scale: float = field(default=1.0)
 
 
 def sequence(kind: str, rig, frames: int, rng: np.random.Generator) -> list:

@@ -1,9 +1,8 @@
 """Prints what each block costs on a Virtex-II Pro.
 
-Synthesis is ``synth_xilinx -family xc2vp -flatten`` of yosys, done twice: with ``-nowidelut``,
-which leaves MUXF5 to MUXF8 out and looks for the fewest tables, and without, as yosys does it
-unasked, which spends tables on fewer levels of logic. The limits are on the former (column LUT4);
-the latter (column "with MUXF") compares with figures that were measured so.
+Synthesis is ``synth_xilinx -family xc2vp -flatten`` of yosys; the limits are on what that gives.
+The column "no MUXF" tells what is left with ``-nowidelut``, which does without MUXF5 to MUXF8 and
+looks for the fewest tables instead of the fewest levels of logic.
 
 LUT4 is the number of four-input tables that the cells take: LUT1 to LUT4 and INV one each, RAM16X1S
 and SRL16 one, RAM16X1D two. Carry chains and MUXF5 to MUXF8 live beside the tables and are not
@@ -19,8 +18,8 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 
-from hdl.export import to_verilog
 from scripts.blocks import ROOT, TOP, find, present
+from scripts.export import verilog
 
 __all__ = ["CELLS", "LIMITS", "measure", "measure_verilog"]
 
@@ -54,10 +53,10 @@ def summarise(cells):
     }
 
 
-def measure_verilog(text, name, muxf=False):
+def measure_verilog(text, name, muxf=True):
     """Size of module ``name`` of the Verilog ``text``, from the cache where it was seen before.
 
-    ``muxf`` lets yosys join tables by MUXF5 to MUXF8.
+    Without ``muxf``, yosys may not join tables by MUXF5 to MUXF8.
 
     Raises
     ------
@@ -90,9 +89,9 @@ def measure_verilog(text, name, muxf=False):
 
 def measure(block):
     """Size of ``block`` in the preset capsule, its tables in both ways of counting."""
-    text = to_verilog(block.component(), block.name)
+    text = verilog(block.component(), block.name)
     size = measure_verilog(text, block.name)
-    return size | {"lut4_muxf": measure_verilog(text, block.name, muxf=True)["lut4"]}
+    return size | {"lut4_no_muxf": measure_verilog(text, block.name, muxf=False)["lut4"]}
 
 
 def over(name, size):
@@ -140,14 +139,14 @@ def main(arguments=None):
                     sizes[name] = size
                     faults.extend(over(name, size))
 
-    table = Table(title="Virtex-II Pro, yosys synth_xilinx -family xc2vp [-nowidelut]")
+    table = Table(title="Virtex-II Pro, yosys synth_xilinx -family xc2vp")
     table.add_column("block")
-    for title in ("LUT4", "with MUXF", "FF", "MULT18X18", "RAMB16"):
+    for title in ("LUT4", "no MUXF", "FF", "MULT18X18", "RAMB16"):
         table.add_column(title, justify="right")
 
     def row(name, size, style=None):
         table.add_row(name, *(f"{size[key]:,}" for key in (
-            "lut4", "lut4_muxf", "ff", "mult18x18", "ramb16")), style=style)
+            "lut4", "lut4_no_muxf", "ff", "mult18x18", "ramb16")), style=style)
 
     parts = [name for name in sizes if name != TOP.name]
     for name in parts:
@@ -155,7 +154,7 @@ def main(arguments=None):
     if len(parts) > 1:
         table.add_section()
         row("sum of blocks", {
-            key: sum(sizes[name][key] for name in parts) for key in (*COLUMNS, "lut4_muxf")},
+            key: sum(sizes[name][key] for name in parts) for key in (*COLUMNS, "lut4_no_muxf")},
             style="dim")
     if TOP.name in sizes:
         row("capsule (whole)", sizes[TOP.name], style="bold")

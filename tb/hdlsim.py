@@ -115,7 +115,7 @@ def _build(simulator, name, sources, arguments):
 
 
 def run(request, name, test_module, *, component=None, vhdl=None, standard="08", generics=None,
-        parameters=None, testcase=None, seed=1, verilog=None):
+        parameters=None, testcase=None, seed=1, verilog=None, build_args=(), plusargs=()):
     """Run the cocotb tests of ``test_module`` on one block.
 
     Parameters
@@ -128,8 +128,8 @@ def run(request, name, test_module, *, component=None, vhdl=None, standard="08",
         Python module with the cocotb tests, dotted from the project's root.
     component : :class:`amaranth.lib.wiring.Component`, optional
         Exported to Verilog for Verilator. Give this, ``verilog`` or ``vhdl``.
-    verilog : :class:`str`, optional
-        Verilog text, where the bench needs more than the block itself.
+    verilog : :class:`dict`, optional
+        Verilog texts by file name, where the bench needs more than the block itself.
     vhdl : list of path, optional
         VHDL files for GHDL, in order of analysis, from the project's root.
     standard : ``"93"`` or ``"08"``
@@ -140,19 +140,21 @@ def run(request, name, test_module, *, component=None, vhdl=None, standard="08",
         What the bench must know; it reads it with :func:`tb.harness.parameters`.
     testcase : :class:`str`, optional
         Only this test.
+    build_args, plusargs : sequence of :class:`str`
+        More for Verilator, and for the simulation.
 
     Fails the pytest test if any cocotb test fails, or none runs.
     """
     prepare_environment()
     if vhdl is None:
         simulator, standards = "verilator", []
-        text = verilog if verilog is not None else to_verilog(component, name)
-        sources = [(f"{name}.v", text)]
+        texts = {f"{name}.v": to_verilog(component, name)} if verilog is None else verilog
+        sources = list(texts.items())
     else:
         require_ghdl()
         simulator, standards = "ghdl", [f"--std={standard}"]
         sources = [(Path(file).name, (ROOT / file).read_text()) for file in vhdl]
-    folder = _build(simulator, name, sources, standards)
+    folder = _build(simulator, name, sources, [*standards, *build_args])
 
     safe = "".join(c if c.isalnum() or c in "._-" else "_" for c in request.node.nodeid)
     results = BUILD / "runs" / safe
@@ -166,7 +168,8 @@ def run(request, name, test_module, *, component=None, vhdl=None, standard="08",
             test_module=test_module, testcase=testcase, build_dir=folder, test_dir=results,
             results_xml=str(xml), parameters=dict(generics or {}) if vhdl else None,
             test_args=[*standards, f"--workdir={folder}"] if vhdl else [],
-            plusargs=["--ieee-asserts=disable-at-0", "--assert-level=error"] if vhdl else [],
+            plusargs=["--ieee-asserts=disable-at-0", "--assert-level=error"] if vhdl
+            else list(plusargs),
             extra_env={
                 "CYCLOPE_BENCH": json.dumps(parameters or {}), "PYTHONPATH": str(ROOT),
                 "PYTHONWARNINGS": "ignore::DeprecationWarning"},

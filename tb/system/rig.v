@@ -31,38 +31,62 @@ module rig #(
     reg frame_valid = 0;
     reg line_valid = 0;
     reg [7:0] data = 0;
-    integer frame, row, column, length, rows;
+    reg started = 0;
+    reg running = 0;
+    integer frame = 0;
+    integer row = 0;
+    integer column = 0;  // beyond the line's length: blanking
+    integer address = 0;
+    integer length;
+    integer rows;
     reg [1023:0] file;
 
-    initial begin
-        if ($value$plusargs("pixels=%s", file)) $readmemh(file, pixels);
-        forever begin
-            @(posedge start);
-            done <= 0;
-            for (frame = first; frame < first + frames; frame = frame + 1) begin
-                rows = HEIGHT;
-                if (frame == faulty) rows = HEIGHT - fault_lines;
-                for (row = 0; row < rows; row = row + 1) begin
-                    length = WIDTH;
-                    if (frame == faulty && row == fault_row) length = WIDTH + fault_extra;
-                    for (column = 0; column < length; column = column + 1) begin
-                        @(posedge clk);
-                        frame_valid <= 1;
-                        line_valid <= 1;
-                        data <= pixels[(frame * HEIGHT + row) * WIDTH + column % WIDTH];
-                    end
-                    if (line_blanking != 0) begin
-                        @(posedge clk);
-                        line_valid <= 0;
-                        repeat (line_blanking - 1) @(posedge clk);
-                    end
-                end
-                @(posedge clk);
-                frame_valid <= 0;
-                line_valid <= 0;
-                repeat (frame_blanking) @(posedge clk);
+    initial if ($value$plusargs("pixels=%s", file) != 0) $readmemh(file, pixels);
+
+    always @(*) begin
+        length = WIDTH;
+        rows = HEIGHT;
+        if (frame == 32'(faulty)) begin
+            rows = HEIGHT - 32'(fault_lines);
+            if (row == 32'(fault_row)) length = WIDTH + 32'(fault_extra);
+        end
+    end
+
+    always @(posedge clk) begin
+        started <= start;
+        frame_valid <= 0;
+        line_valid <= 0;
+        if (!running) begin
+            if (start && !started) begin
+                running <= 1;
+                done <= 0;
+                frame <= 32'(first);
+                row <= 0;
+                column <= 0;
+                address <= 32'(first) * WIDTH * HEIGHT;
             end
-            done <= 1;
+        end else if (row < rows) begin
+            frame_valid <= 1;
+            line_valid <= column < length;
+            data <= pixels[address];
+            if (column < length && column < WIDTH) address <= address + 1;
+            column <= column + 1;
+            if (column == length + 32'(line_blanking) - 1) begin
+                column <= 0;
+                row <= row + 1;
+            end
+        end else begin
+            column <= column + 1;
+            if (column >= 32'(frame_blanking)) begin
+                column <= 0;
+                row <= 0;
+                frame <= frame + 1;
+                address <= (frame + 1) * WIDTH * HEIGHT;
+                if (frame + 1 == 32'(first) + 32'(frames)) begin
+                    running <= 0;
+                    done <= 1;
+                end
+            end
         end
     end
 
@@ -101,21 +125,26 @@ module rig #(
     reg [7:0] octet = 0;
     reg [31:0] octets = 0;
     reg framing_error = 0;
-    reg [7:0] shift;
-    integer bit_number;
+    reg [7:0] shift = 0;
+    reg [15:0] left = 0;  // clocks until the line is looked at
+    reg [3:0] bits = 0;  // so many still to come, the stop bit included
 
-    initial begin
-        forever begin
-            @(posedge clk);
+    always @(posedge clk) begin
+        if (bits == 0) begin
             if (!rst && !tx) begin
-                // To the middle of the start bit, then from bit to bit.
-                repeat (divisor / 2) @(posedge clk);
-                for (bit_number = 0; bit_number < 8; bit_number = bit_number + 1) begin
-                    repeat (divisor) @(posedge clk);
-                    shift = {tx, shift[7:1]};
-                end
-                repeat (divisor) @(posedge clk);
-                if (!tx) framing_error <= 1;
+                // From somewhere in the start bit's first clock to the middle of the first bit.
+                bits <= 9;
+                left <= divisor + divisor / 2 - 1;
+            end
+        end else if (left != 0) begin
+            left <= left - 1;
+        end else begin
+            bits <= bits - 1;
+            left <= divisor - 1;
+            if (bits != 1) begin
+                shift <= {tx, shift[7:1]};
+            end else begin
+                framing_error <= framing_error | !tx;
                 octet <= shift;
                 octets <= octets + 1;
             end

@@ -98,12 +98,13 @@ class Labelling(wiring.Component):
         # the pixels of the row above: each of the two only ever uses one address at a time.
         m.submodules.records = records = Memory(shape=Record, depth=2 << run_bits, init=[])
         m.submodules.carried = carried = Memory(shape=1, depth=2 << run_bits, init=[])
-        m.submodules.shared = shared = Memory(shape=Entry, depth=2 << half_bits, init=[])
+        m.submodules.row_and_stack = row_and_stack = Memory(
+            shape=Entry, depth=2 << half_bits, init=[])
         record_write, record_read = records.write_port(), records.read_port()
         carried_write, carried_read = carried.write_port(), carried.read_port()
-        row_write, row_read = shared.write_port(), shared.read_port()
-        stack_write = shared.write_port()
-        stack_read = shared.read_port(transparent_for=(stack_write,))
+        row_write, row_read = row_and_stack.write_port(), row_and_stack.read_port()
+        stack_write = row_and_stack.write_port()
+        stack_read = row_and_stack.read_port(transparent_for=(stack_write,))
 
         go = Signal()  # everything stands still while the output register waits
         m.d.comb += [

@@ -127,6 +127,14 @@ def test_noise(seed):
     check(SMALL, masks, ["noise"] * 40, seed, gap=rng.random() / 2, stall=rng.random() / 2)
 
 
+@pytest.mark.parametrize("size", [(5, 7), (1, 2)])
+@pytest.mark.parametrize(("gap", "stall"), [(0, 0), (0.4, 0.4)])
+def test_odd_sizes(size, gap, stall):
+    rng = np.random.default_rng(8)
+    masks = rng.random((600, *size)) < rng.random((600, 1, 1))
+    check(size, masks, ["noise"] * len(masks), 8, gap, stall, oracle=True)
+
+
 def test_every_4x4_bitmap_alone():
     """All 65,536 as frames of 4x4, touching all borders, back to back: against OpenCV itself."""
     lit = bitmaps_4x4()

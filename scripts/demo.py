@@ -31,6 +31,7 @@ _LEFT = (
     ("result/points.ply", "the point cloud for MeshLab, CloudCompare or Blender"),
     ("result/summary.txt", "the tables above, all frames"),
     ("calibration.json", "what the chip was loaded with"),
+    ("calibration.png", "how well lens and beams were learnt"),
     ("capture/", "the simulated capture; a capture of yours looks the same"))
 
 

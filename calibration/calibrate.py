@@ -52,19 +52,6 @@ class Result:
     tables: Tables = field(repr=False)
 
 
-def check_nominal(projector):
-    """Raise :class:`UserError` for nominal values that no projector has."""
-    for name, value, low, high in (
-            ("pitch_deg", projector.pitch_deg, 0.1, 30), ("toe_in_deg", projector.toe_in_deg, -60,
-            60), ("rotation_deg", projector.rotation_deg, -90, 90)):
-        if not low <= value <= high:
-            raise UserError(f"{name} in capture.toml must be {low} to {high} degrees, not "
-                            f"{value:g}.")
-    if not abs(projector.base_mm[0]) > 1e-3 * np.linalg.norm(projector.base_mm):
-        raise UserError("base_mm in capture.toml must lie along x: the projector must stand beside "
-                        "the camera along the rows of the sensor.")
-
-
 def _undistortion_error(lens, settings):
     """Largest distance between the chip's undistorted centres and the lens in float, in px.
 
@@ -178,8 +165,6 @@ def calibrate(capture, options, progress=None):
     -------
     :class:`Result`
     """
-    check_nominal(capture.projector)
-
     def counted(phase, images):
         for number, image in enumerate(images):
             if progress:

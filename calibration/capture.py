@@ -111,6 +111,18 @@ def _octets(path, what):
         raise UserError(f"{path} cannot be read ({error.strerror}): {what}.") from error
 
 
+def _decode(data):
+    """Picture, or None; without OpenCV's own remarks, for one sentence is enough."""
+    logging = cv2.utils.logging
+    level = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        return None
+    finally:
+        logging.setLogLevel(level)
+
+
 def read_image(path, width=None, height=None) -> np.ndarray:
     """An 8-bit grey picture of the sensor's size, as a 2-D ``uint8`` array.
 
@@ -130,10 +142,7 @@ def read_image(path, width=None, height=None) -> np.ndarray:
         raise UserError(f"{path} is empty: copy or record it again.")
     if not _is_whole(data):
         raise UserError(f"{path} is truncated or damaged: copy or record it again.")
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        image = None
+    image = _decode(data)
     if image is None or not image.size:
         raise UserError(f"{path} cannot be read as an image: save it as an 8-bit grey PNG.")
     if image.ndim != 2:

@@ -15,8 +15,8 @@ PLANES = 12
 
 TRUTH_HEADER = "frame,beam,u_px,v_px,x_mm,y_mm,z_mm,inside"
 
-# Streams of random numbers of one seed: each picture has its own, so that more of them change
-# nothing in the others.
+# Streams of random numbers of one seed: each picture has its own, so that the number of frames
+# changes nothing in the calibration's pictures.
 _SCENES, _NOMINAL, _LENS, _PLANES, _FRAMES, _TEXTURES = range(6)
 
 

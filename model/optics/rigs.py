@@ -7,7 +7,7 @@ sensor                  352 x 288      352 x 288           64 x 64
 beams                   7 x 7          7 x 7               4 x 4
 base                    5 mm           150 mm              5 mm
 range                   40-110 mm      600-1100 mm         40-110 mm
-smallest line distance  5.2 px         3.2 px              2.9 px
+smallest line distance  4.9 px         3.1 px              2.7 px
 ======================= ============== =================== ==============
 """
 

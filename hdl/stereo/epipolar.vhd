@@ -235,12 +235,14 @@ begin
     signal tolerance : unsigned(8 downto 0) := (others => '0');
     signal inside : std_logic := '0';
     signal doubled : signed(20 downto 0);
+    signal error, limit : signed(19 downto 0);
     signal near, used : std_logic;
   begin
     -- The product's bit 16 rounds it: it is subtracted at half a weight, and the sum cut.
     doubled <= shift_left(resize(distance, 21), 1) - resize(product(35 downto 16), 21);
-    near <= to_std_logic(
-      abs(resize(doubled(20 downto 1), 21)) < signed(resize(tolerance & "0000", 21)));
+    error <= doubled(20 downto 1);
+    limit <= signed(resize(tolerance & "0000", 20));
+    near <= to_std_logic(error < limit and -limit < error);
     -- A place of the last group without a beam never hits.
     used <= not last_2 when (groups - 1) * lanes + lane >= beams else '1';
 

@@ -80,16 +80,18 @@ async def spots_match_model(dut, gap, stall):
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 async def limits_of_the_range(dut):
-    """1 and 2**18 - 1 are kept, 0 and 2**18 are rejected, to the bit of the fraction."""
+    """1 and 2**18 - 1 are kept, 0 and 2**18 are rejected, to the bit of the fraction; and each
+    bit alone tells, within the range and above it."""
     steps = (-2049, -2048, -2047, -1, 0, 1, 2047, 2048, 2049)
     values = [0, 1, 2, (1 << 18) - 2, (1 << 18) - 1, 1 << 18, (1 << 18) + 1, -1]
     beta = [(value << 12) + step for value in values for step in steps]
+    beta += [1 << 12 << bit for bit in range(23)]
     bench = Rig(dut, pack_depth([0] * 128, beta + [0] * (128 - len(beta))))
     await bench.reset()
     matches = [(77, beam, 0, 1, 2, 3) for beam in range(len(beta))]
     await bench.compare(matches)
     statuses = [expected(match, bench.table) >> 1 & 3 for match in matches]
-    assert statuses.count(0) == 36 and statuses.count(3) == 36
+    assert statuses.count(0) == 36 + 18 and statuses.count(3) == 36 + 5
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")

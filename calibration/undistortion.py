@@ -13,7 +13,7 @@ __all__ = ["GAIN_LIMIT", "build", "undistortion_settings"]
 GAIN_LIMIT = 4.0
 #: Slope of the distorted radius by the undistorted one past which the table goes on straight.
 _LEAST_SLOPE = 1 / (2 * GAIN_LIMIT)
-_COARSE, _FINE = 1 << 12, 1 << 16
+_SCALE = 1 << 16
 _WORD = 1 << 18
 
 
@@ -43,14 +43,16 @@ def _radial_scale(radius, k1, k2):
 
 def _radial_table(focal, k1, k2, bits):
     """Words of :func:`model.stereo.undistort.undistort`: straight lines through two Chebyshev
-    nodes of each segment, which balances their errors."""
+    nodes of each segment, which balances their errors. The chip cuts squared radii to 18 bits:
+    half of the last one is added here."""
     node = np.sqrt(0.5) / 2
     middle = np.arange(SEGMENTS) + 0.5
     ends = np.stack([middle - node, middle + node]) * 2.0**bits / SEGMENTS
     scale = _radial_scale(np.sqrt(ends) / focal, k1, k2)
-    value, slope = -scale.mean(axis=0), -(scale[1] - scale[0]) / (2 * node)
-    words = np.stack(
-        [value * _COARSE, slope * _COARSE, value * _FINE + 0.5, slope * _FINE], axis=-1)
+    slope = (scale[1] - scale[0]) / (2 * node)
+    start = scale.mean(axis=0) - slope * (0.5 - SEGMENTS / _WORD / 2)
+    # Products with the fraction are cut: half of an LSB makes up for it.
+    words = np.stack([0.5 - start * _SCALE, -slope * _SCALE], axis=-1)
     words = np.clip(np.round(words), -_WORD // 2, _WORD // 2 - 1).astype(int)
     return tuple(int(word) % _WORD for word in words.ravel())
 

@@ -99,9 +99,10 @@ class SpotQueue(wiring.Component):
         for name, event in [("spots", 1), ("rejected", rejected & ~wanted),
                             ("dropped", ~rejected & ~room)]:
             counter = Signal(16, name=name)
-            m.d.comb += counters[name].eq(counter)
-            with m.If(is_spot & event & ~counter.all()):
-                m.d.sync += counter.eq(counter + 1)
+            following = Signal(17, name=f"following_{name}")
+            m.d.comb += [counters[name].eq(counter), following.eq(counter + 1)]
+            with m.If(is_spot & event & ~following[-1]):
+                m.d.sync += counter.eq(following)
             with m.If(self.i.valid & spot.end):
                 m.d.sync += counter.eq(0)
         m.d.comb += counters.broken.eq(spot.broken)

@@ -10,10 +10,11 @@ from hdl.payloads import COORDINATE_BITS, Centre, Undistorted
 __all__ = ["Undistort"]
 
 _WORD_BITS = 18
-_SEGMENT_ADDRESS_BITS = 8
-_SEGMENT_BITS = 10  # fraction of a segment of the table
+_SEGMENT_ADDRESS_BITS = 9
+_SEGMENT_BITS = 9  # fraction of a segment of the table
 _SUM_SHIFT = 12
 _ADD_SHIFT = 14
+_ESTIMATE_SHIFT = 4
 
 
 class _Phase(enum.Enum, shape=3):
@@ -116,29 +117,61 @@ class Undistort(wiring.Component):
         # The first pass, without a tangential part, leaves the phases out that it does not need.
         phase = Signal(_Phase, init=_Phase.TURN)
         turn = Signal(range(self.rounds + 1))
+        next_phase = Signal(_Phase)
+        next_turn = Signal.like(turn)
         first = Signal()
         last = Signal()
         done = Signal()
-        m.d.comb += [first.eq(turn == 0), last.eq(turn == self.rounds)]
-
-        def during(*phases):
-            return Cat(phase == each for each in phases).any()
-
         waiting = Signal()
         mark = Signal()
         m.d.comb += [
-            waiting.eq(first & during(_Phase.TURN)),
+            first.eq(turn == 0),
+            last.eq(turn == self.rounds),
+            waiting.eq(first & (phase == _Phase.TURN)),
             mark.eq(waiting & self.i.valid & spot.end & ~done),
+            next_phase.eq(phase),
+            next_turn.eq(turn),
+        ]
+        with m.If(~done & ~mark & (~waiting | self.i.valid)):
+            m.d.comb += next_phase.eq(phase.as_value() + Mux(
+                first & ((phase == _Phase.TURN) | (phase == _Phase.LOOKUP)), 2, 1))
+            with m.If(phase == _Phase.APPLY):
+                m.d.comb += next_turn.eq(turn + 1)
+                with m.If(last):
+                    m.d.comb += [next_phase.eq(_Phase.TURN), next_turn.eq(0)]
+        m.d.sync += [phase.eq(next_phase), turn.eq(next_turn)]
+
+        # What steers the wide multiplexers is a register each, so that a bit takes one table.
+        def during(name, *phases, turns=None):
+            steer = Signal(name=name, init=_Phase.TURN in phases)
+            chosen = Cat(next_phase == each for each in phases).any()
+            m.d.sync += steer.eq(chosen if turns is None else chosen & turns)
+            return steer
+
+        to_first, to_last = next_turn == 0, next_turn == self.rounds
+        turning = during("turning", _Phase.TURN)
+        shifting = during("shifting", _Phase.SHIFT)
+        in_radius = during("in_radius", _Phase.RADIUS)
+        interpolating = during("interpolating", _Phase.INTERPOLATE)
+        use_tangential = during("use_tangential", _Phase.SLOPE, _Phase.SHIFT)
+        use_place = during("use_place", _Phase.SLOPE, _Phase.SQUARE, _Phase.RADIUS)
+        use_half = during("use_half", _Phase.SHIFT, _Phase.APPLY)
+        use_word = during("use_word", _Phase.LOOKUP, _Phase.INTERPOLATE)
+        use_offset_of_centre = during("use_offset_of_centre", _Phase.LOOKUP, turns=to_last)
+        idle = Signal(init=1)
+        estimate = Signal()
+        m.d.sync += [
+            idle.eq((next_phase == _Phase.LOOKUP) | (to_first & (
+                (next_phase == _Phase.TURN) | (next_phase == _Phase.SHIFT)))),
+            estimate.eq((~to_last & (next_phase == _Phase.INTERPOLATE))
+                        | (to_first & (next_phase == _Phase.LOOKUP))),
         ]
 
         # Lane by lane: the offset from the principal point (negative, as every place, so that all
         # steps add), the product, the sum. The first of two sums that make a place is halved,
-        # since its product must count twice. The ones behind the last places round.
-        fraction = Signal(signed(_SEGMENT_BITS))
+        # since its product must count twice.
+        fraction = Signal(_SEGMENT_BITS)
         scalar = Signal(signed(18))
-        idle = Signal()
-        m.d.comb += idle.eq(during(_Phase.LOOKUP)
-                            | (first & during(_Phase.TURN, _Phase.SHIFT)))
         lanes = [
             ("u", self.principal_u, spot.u, self.width, self.tangential_2),
             ("v", self.principal_v, spot.v, self.height, self.tangential_1),
@@ -153,29 +186,27 @@ class Undistort(wiring.Component):
             offset = Signal(signed(19), name=f"offset_{axis}")
             total = Signal(signed(22), name=f"total_{axis}")
             m.d.comb += [
-                left.eq(Mux(during(_Phase.SLOPE, _Phase.SHIFT), tangential, place)),
-                right.eq(Mux(during(_Phase.SLOPE, _Phase.SQUARE, _Phase.RADIUS), place, scalar)),
+                left.eq(Mux(use_tangential, tangential, place)),
+                right.eq(Mux(idle, 0, Mux(use_place, place, scalar))),
                 product.eq(left * right),
-                offset.eq(principal - Mux(phase.as_value()[2], (size - 1) * 256, coordinate)),
+                offset.eq(principal - Mux(
+                    use_offset_of_centre, (size - 1) * 256, coordinate)),
                 # The product, plus twice one of the others, plus one, which rounds. Written as a
                 # difference, since carry chains want their first operand without logic before
                 # it, and yosys does not swap those of a difference.
                 total.eq((product >> _ADD_SHIFT) - Mux(
-                    during(_Phase.SHIFT, _Phase.APPLY),
-                    Cat(C(1, 1), ~half).as_signed(), Cat(C(1, 1), ~offset).as_signed())),
+                    use_half, Cat(C(1, 1), ~half).as_signed(), Cat(C(1, 1), ~offset).as_signed())),
             ]
             if axis == "u":
-                with m.If(during(_Phase.INTERPOLATE)):
+                with m.If(interpolating):
                     m.d.comb += left.eq(fraction << (_SUM_SHIFT - _SEGMENT_BITS))
-            with m.If(idle):
-                m.d.comb += right.eq(0)
-            with m.If(during(_Phase.SHIFT, _Phase.APPLY)):
+            with m.If(use_half):
                 m.d.sync += place.eq(total >> 2)
             with m.If(mark):
                 m.d.sync += place.eq(0)
-            with m.If(during(_Phase.TURN) | (during(_Phase.LOOKUP) & last)):
+            with m.If(turning | use_offset_of_centre):
                 m.d.sync += half.eq(total)
-            with m.If(during(_Phase.SHIFT)):
+            with m.If(shifting):
                 m.d.sync += half.eq(0)
             places.append(place)
             products.append(product)
@@ -187,33 +218,28 @@ class Undistort(wiring.Component):
         read = scales.read_port()
         across = Signal(signed(25))
         m.d.comb += across.eq((products[0] >> _SUM_SHIFT) + Mux(
-            during(_Phase.LOOKUP, _Phase.INTERPOLATE), read.data, products[1] >> _SUM_SHIFT))
-        m.d.sync += scalar.eq(across)
+            use_word, read.data, products[1] >> _SUM_SHIFT))
+        # What makes an estimate is cut, to make room above for the tangential products.
+        m.d.sync += scalar.eq(Mux(estimate, across >> _ESTIMATE_SHIFT, across))
 
         radius = across[self.radius_bits - _SUM_SHIFT:]
         segment = Signal(_SEGMENT_ADDRESS_BITS)
-        now = Signal(_SEGMENT_ADDRESS_BITS)
         m.d.comb += [
-            now.eq(segment),
             read.en.eq(1),
-            # Value or slope, coarse or fine.
-            read.addr.eq(Cat(during(_Phase.RADIUS) & ~first, last, now)),
+            # The slope, and then the value; the first time only that.
+            read.addr.eq(Cat(in_radius & ~first,
+                             Mux(in_radius, radius[_SEGMENT_BITS:], segment))),
             write.en.eq(self.radial_write_enable),
             write.addr.eq(self.radial_write_address),
             write.data.eq(self.radial_write_data),
         ]
-        with m.If(during(_Phase.RADIUS)):
-            m.d.comb += now.eq(radius[_SEGMENT_BITS:])
-            m.d.sync += [
-                segment.eq(now),
-                # The middle of the segment is zero.
-                fraction.eq(radius[:_SEGMENT_BITS] ^ (1 << (_SEGMENT_BITS - 1))),
-            ]
+        with m.If(in_radius):
+            m.d.sync += [segment.eq(radius[_SEGMENT_BITS:]), fraction.eq(radius)]
 
         bad = Signal()
-        with m.If(during(_Phase.SHIFT) | (during(_Phase.APPLY) & last)):
-            m.d.sync += bad.eq((bad & ~(first & during(_Phase.SHIFT))) | Cat(outside).any())
-        with m.If(during(_Phase.RADIUS) & radius[_SEGMENT_BITS + _SEGMENT_ADDRESS_BITS:].any()):
+        with m.If(shifting | (use_half & last)):
+            m.d.sync += bad.eq((bad & ~(first & shifting)) | Cat(outside).any())
+        with m.If(in_radius & radius[_SEGMENT_BITS + _SEGMENT_ADDRESS_BITS:].any()):
             m.d.sync += bad.eq(1)
 
         # The spot stays at `i` until it is taken from `o`.
@@ -232,12 +258,7 @@ class Undistort(wiring.Component):
             m.d.sync += done.eq(~self.o.ready)
         with m.Elif(mark):
             m.d.sync += [done.eq(1), bad.eq(0)]
-        with m.Elif(~waiting | self.i.valid):
-            m.d.sync += phase.eq(
-                phase.as_value() + Mux(first & during(_Phase.TURN, _Phase.LOOKUP), 2, 1))
-            with m.If(during(_Phase.APPLY)):
-                m.d.sync += turn.eq(turn + 1)
-                with m.If(last):
-                    m.d.sync += [done.eq(1), turn.eq(0), phase.eq(_Phase.TURN)]
+        with m.Elif(last & (phase == _Phase.APPLY)):
+            m.d.sync += done.eq(1)
 
         return m

@@ -6,14 +6,15 @@ __all__ = ["ROUNDS", "SEGMENTS", "TANGENTIAL_BITS", "radius_bits", "undistort"]
 
 #: Times that the tangential part is evaluated.
 ROUNDS = 2
-#: Segments of the radial table, four words each.
-SEGMENTS = 256
+#: Segments of the radial table, two words each.
+SEGMENTS = 512
 #: The tangential registers hold p1 and p2 over the focal length in pixels, times 2 to this.
 TANGENTIAL_BITS = 27
 
-_SEGMENT_BITS = 10  # fraction of a segment
+_SEGMENT_BITS = 9  # fraction of a segment
 _SUM_SHIFT = 12
 _ADD_SHIFT = 14
+_ESTIMATE_SHIFT = 4
 
 
 def radius_bits(width, height):
@@ -37,10 +38,10 @@ def undistort(u, v, settings, width, height, rounds=ROUNDS):
 
     Signs are chosen so that every step adds: the chip holds -d and -y, and the table -s.
 
-    The table has 256 segments of |y|^2, each ``2**(radius_bits(width, height) - 8)`` px^2 wide.
-    Words 4i and 4i + 2 hold -s in the middle of segment i, in 2**-12 and 2**-16; words 4i + 1
-    and 4i + 3 its change over the segment, in the same units. The coarse pair serves the rounds
-    (the first one only its value), the fine one the result. All are signed, 18 bits.
+    The table has 512 segments of |y|^2, each ``2**(radius_bits(width, height) - 9)`` px^2 wide.
+    Word 2i holds -s at the start of segment i in 2**-16, word 2i + 1 its change over the segment;
+    both are signed, 18 bits. The first round makes do with the value. The rounds take s with 12
+    fraction bits, so that X has 5 and the tangential products, which are small, more.
 
     Error budget at the border of 352 x 288 pixels, in px, where a place gains g (the largest
     derivative of X by d): s rounded and interpolated, 0.003; result rounded, 0.001; |y|^2 cut to
@@ -68,7 +69,7 @@ def undistort(u, v, settings, width, height, rounds=ROUNDS):
         Neither the result nor any y leaves +-256 px, nor |y|^2 the table.
     """
     u, v = np.asarray(u, dtype=np.int64), np.asarray(v, dtype=np.int64)
-    table = np.zeros((SEGMENTS, 4), dtype=np.int64)
+    table = np.zeros((SEGMENTS, 2), dtype=np.int64)
     words = np.asarray(settings.radial, dtype=np.int64) & 0x3FFFF
     table.reshape(-1)[:len(words)] = words - ((words >> 17) << 18)
     radius_shift = radius_bits(width, height)
@@ -89,22 +90,19 @@ def undistort(u, v, settings, width, height, rounds=ROUNDS):
             ok = ok & (value == wrapped(value))
         return [wrapped(value) for value in values]
 
-    def scale(place, words, interpolate):
+    def scale(place, interpolate):
         nonlocal ok
         radius = dot(place, place) >> (radius_shift - _SUM_SHIFT)
         ok = ok & (radius >> 18 == 0)
         radius = radius & 0x3FFFF
-        entry = table[radius >> _SEGMENT_BITS]
-        value, slope = entry[..., words], entry[..., words + 1]
-        if not interpolate:
-            return value
-        fraction = (radius & ((1 << _SEGMENT_BITS) - 1)) - (1 << (_SEGMENT_BITS - 1))
-        return wrapped(((slope * fraction) >> _SEGMENT_BITS) + value)
+        value, slope = np.moveaxis(table[radius >> _SEGMENT_BITS], -1, 0)
+        fraction = radius & ((1 << _SEGMENT_BITS) - 1)
+        return value + ((slope * fraction) >> _SEGMENT_BITS) if interpolate else value
 
     offset = [p - c for p, c in zip(principal, (u, v), strict=True)]
     place = checked(offset)
     for turn in range(rounds):
-        factor = scale(place, 0, turn > 0)
+        factor = wrapped(scale(place, turn > 0) >> _ESTIMATE_SHIFT)
         # Undistorted, with 5 fraction bits.
         estimate = [wrapped((((a * factor) >> _ADD_SHIFT) + 1) >> 2) for a in place]
         slope = wrapped(dot(tangential, estimate))  # P X, 20 fraction bits
@@ -114,7 +112,7 @@ def undistort(u, v, settings, width, height, rounds=ROUNDS):
             offset, estimate, strict=True)]
         place = checked([(2 * h + 1 + ((p * square) >> _ADD_SHIFT)) >> 2 for h, p in zip(
             half, tangential, strict=True)])
-    factor = scale(place, 2, True)
+    factor = wrapped(scale(place, True))
     shift = [p - (size - 1) * 256 for p, size in zip(principal, (width, height), strict=True)]
     x, y = checked([(2 * (2 * s + 1) + 1 + ((a * factor) >> _ADD_SHIFT)) >> 2 for s, a in zip(
         shift, place, strict=True)])

@@ -1,31 +1,45 @@
 """Threshold from a histogram."""
 
 from amaranth import *
-from amaranth.lib import enum, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-__all__ = ["Threshold"]
+__all__ = ["BIN_BITS", "CLEAR_CLOCKS", "Threshold", "counted_rows"]
 
-_BIN_BITS = 17
-_SIGNIFICANT = 64  # a mode's smoothed peak holds at least one pixel in so many
+#: Bits of a bin.
+BIN_BITS = 17
+#: Clocks in which the bins are cleared.
+CLEAR_CLOCKS = 260
+_LATENCY = 832
+_SIGNIFICANT = 64  # a mode's smoothed peak holds more than one pixel in so many
 
 
-class _State(enum.Enum):
-    IDLE = 0
-    FIND = 1  # the first mode
-    FOUND = 2
-    SUM = 3  # over the mode
-    DIVIDE = 4
-    KNOWN = 5
+def counted_rows(width, height):
+    """First row of a frame that is counted, and the first one after: as many as no bin overflows.
+
+    Raises
+    ------
+    ValueError
+        If the size is out of range, or no row is left.
+    """
+    for name, value in (("width", width), ("height", height)):
+        if not isinstance(value, int) or not 1 <= value <= 512:
+            raise ValueError(f"Frame {name} must be an integer from 1 to 512, not {value!r}")
+    first, stop = -(-CLEAR_CLOCKS // width), height - -(-_LATENCY // width)
+    if stop <= first:
+        raise ValueError(f"A frame of {width} x {height} pixels is too small to learn a "
+                         f"threshold from: it must have more than {first + height - stop} rows")
+    spare = max(0, stop - first - (2**BIN_BITS - 1) // width)
+    return first + spare // 2, stop - (spare + 1) // 2
 
 
 class Threshold(wiring.Component):
     """T = mean + alpha sigma of the background, learnt on the frame before.
 
     Reads the bins twice once a frame's histogram is closed: from black to find the first mode,
-    then from its peak outwards, up and down, to sum it. T = 1 + peak + sum / count by counting
+    then from its peak outwards, up and down, to sum it. T = 1 + peak + sum / pixels by counting
     subtractions; the definitions are those of ``model/preprocessing/threshold.py`` (the paper's
-    Section VI, equation 5).
+    Section VI).
 
     The result is ready :attr:`latency` clocks after ``closed`` at the latest, and comes into force
     with ``done``, so that the next frame's first pixel meets it. After ``lost`` the old one stays:
@@ -53,21 +67,17 @@ class Threshold(wiring.Component):
     """
 
     #: Clocks from ``closed`` to the result at most: two scans and a division.
-    latency = 832
+    latency = _LATENCY
 
     def __init__(self, width, height):
-        for name, value in (("width", width), ("height", height)):
-            if not isinstance(value, int) or not 1 <= value <= 512:
-                raise ValueError(f"Frame {name} must be an integer from 1 to 512, not {value!r}")
-        first = -(-260 // width)
-        stop = height - -(-self.latency // width)
-        self.pixels = max(0, stop - first) * width
+        first, stop = counted_rows(width, height)
+        self.pixels = (stop - first) * width
         super().__init__({
             "closed": In(1),
             "done": In(1),
             "lost": In(1),
             "address": Out(8),
-            "count": In(_BIN_BITS),
+            "count": In(BIN_BITS),
             "alpha": In(8),
             "fixed": In(1),
             "fixed_level": In(8),
@@ -78,63 +88,109 @@ class Threshold(wiring.Component):
     def elaborate(self, platform):
         m = Module()
 
-        # A scan brings the bins in one after the other, up or down; of three that follow each
-        # other the middle one is smoothed. Black and white are not part of any mode.
-        at = Signal(8)  # bin whose count is asked for
-        came = Signal(8)  # bin whose count is here
+        # What it is at, one bit each, and `start`, from which a scan goes. Everything that steers
+        # a sum or a count comes straight from a register: what is decided late only enables.
+        idle, start = Signal(init=1), Signal(init=1)
+        finding, summing, dividing, known = Signal(), Signal(), Signal(), Signal()
         down = Signal()
-        age = Signal(4)  # clocks since the scan began, as ones
-        count = Signal(_BIN_BITS)
-        old, middle, value = Signal(_BIN_BITS), Signal(_BIN_BITS), Signal(_BIN_BITS)
-        smooth = Signal(_BIN_BITS + 2)
-        middle_number, number = Signal(8), Signal(8)  # bins of `middle`, of `smooth` and `value`
-        begin = Signal()
+
+        # A scan brings the bins in one after the other, up or down, from `place`; `age` counts the
+        # clocks since it began, as ones. Bins 0 and 255 are no part of a mode and count as empty.
+        # Three clocks after its address, `value` and `smooth` (by 1 2 1) of the bin `number` are
+        # there. A scan's first bin is not smoothed right, and not judged by it.
+        place = Signal(8)
+        at, came, passed, number = Signal(8), Signal(8), Signal(8), Signal(8)
+        empty, edge_next, edge = Signal(), Signal(), Signal()
+        age = Signal(4)
+        middle, value = Signal(BIN_BITS), Signal(BIN_BITS)
+        pair, pair_before = Signal(BIN_BITS + 1), Signal(BIN_BITS + 1)
+        smooth = Signal(BIN_BITS + 2)
         m.d.comb += [
             self.address.eq(at),
-            count.eq(Mux((came == 0) | (came == 255) | ~age[0], 0, self.count)),
+            pair.eq(middle + Mux(empty, 0, self.count)),
         ]
         m.d.sync += [
-            at.eq(at + Cat(C(1, 1), down.replicate(7))),
+            # One adder gives place, at + 1 or at - 1; its lowest bit brings the carry in.
+            at.eq((Cat(C(1, 1), Mux(start, place, at))
+                   + Cat(~start & ~down, (~start & down).replicate(8)))[1:]),
             came.eq(at),
-            old.eq(middle),
-            middle.eq(count),
-            middle_number.eq(came),
-            smooth.eq(old + (middle << 1) + count),
+            passed.eq(came),
+            number.eq(passed),
+            empty.eq((at == 0) | (at == 255)),
+            edge_next.eq(empty),
+            edge.eq(edge_next),
+            middle.eq(Mux(empty, 0, self.count)),
             value.eq(middle),
-            number.eq(middle_number),
-            age.eq(Mux(begin, 0, Cat(C(1, 1), age[:-1]))),
+            pair_before.eq(pair),
+            smooth.eq(pair_before + pair),
+            age.eq(Mux(start, 0, Cat(C(1, 1), age[:-1]))),
         ]
-        # A scan begins with its first bin as `old`'s predecessor: nothing beside it is smoothed.
-        with m.If(begin):
-            m.d.sync += [old.eq(0), middle.eq(0)]
+        here, first = Signal(), Signal()  # a bin; the scan's first one
+        m.d.comb += [here.eq(age[2] & ~start), first.eq(~age[3])]
 
-        peak = Signal(_BIN_BITS + 2)
-        place = Signal(8)
-        significant, faint = Signal(), Signal()
-        gain = Signal(signed(11))  # of a bin's weight over its neighbour's, Q4.4
-        scaled = Signal(9)
-        weight = Signal(signed(18))
-        factor = Signal(_BIN_BITS)
-        product = Signal(signed(36))
-        total = Signal(signed(36))
-        pixels = Signal(19)
-        adding = Signal(2)
-        dividing, divided = Signal(), Signal()  # a step now, one before
+        # The first mode is looked for from where half of the pixels are at or below a bin.
+        # Without one the image is black, and any number of pixels makes T 1; or white, and none
+        # makes T 255.
+        pixels = Signal(BIN_BITS)
+        half, found = Signal(), Signal()
+        peak = Signal(BIN_BITS + 2)
+        brighter, faint = Signal(), Signal()
+        higher, searched = Signal(), Signal()
         m.d.comb += [
-            significant.eq(peak >= -(-self.pixels // _SIGNIFICANT)),
+            brighter.eq(smooth > peak),
             faint.eq((smooth << 2) < peak),
-            # 3/2 alpha for the deviation; 16 more for the mean's own distance from the peak.
-            scaled.eq(self.alpha + (self.alpha >> 1)),
-            gain.eq(scaled + Mux(down, -16, 16)),
+            higher.eq(finding & here & half & brighter & ~edge),
+            searched.eq(finding & here & ((found & faint) | edge_next)),
+        ]
+        m.d.sync += half.eq(pixels >= (self.pixels + 1) // 2)
+        with m.If(idle):
+            m.d.sync += [peak.eq(self.pixels // _SIGNIFICANT), found.eq(0)]
+        with m.Elif(higher):
+            m.d.sync += [peak.eq(smooth), found.eq(1)]
+
+        # The mode's sum. Every bin weighs 3/2 alpha more than its neighbour towards the peak, for
+        # the deviation, and 1 more or less, for the mean's distance from the peak.
+        accepts, summed, adding = Signal(), Signal(), Signal()
+        gain = Signal(signed(11))  # Q4.4
+        weight = Signal(signed(18))
+        product = Signal(signed(35))
+        m.d.comb += [
+            accepts.eq(summing & here & (first | ~(faint | edge))),
+            summed.eq(summing & here & ~first & (faint | edge)),
         ]
         m.d.sync += [
-            adding.eq(Cat(C(0, 1), adding[0])),
-            factor.eq(value),
-            product.eq(weight * factor),
+            gain.eq(self.alpha + (self.alpha >> 1) + Mux(down, -16, 16)),
+            product.eq(weight * value),
+            adding.eq(accepts),
         ]
-        # One adder sums, and divides by counting how often 16 times the pixels can be taken off.
-        with m.If(adding[1] | dividing):
-            m.d.sync += total.eq(total + Mux(dividing, ~Cat(C(0, 4), pixels, C(0, 1)).as_signed(), product) + dividing)
+        with m.If(start):
+            m.d.sync += weight.eq(0)
+        with m.Elif(accepts):
+            m.d.sync += weight.eq(weight + gain)
+        with m.If(idle | (searched & (found | ~half))):
+            m.d.sync += pixels.eq(0)
+        with m.Elif((finding & age[0]) | (accepts & ~(first & down))):
+            m.d.sync += pixels.eq(pixels + Mux(finding, self.count, value))
+
+        # One adder sums, and then takes off 16 times the pixels until nothing is left; its lowest
+        # bit carries in. The last step takes the sum below zero: it is the one in T's formula.
+        total = Signal(signed(35))
+        addend = Signal(35)
+        divided, divides = Signal(), Signal()
+        m.d.comb += [
+            addend.eq(Mux(dividing, ~Cat(C(0, 4), pixels, C(0, 14)), product)),
+            divides.eq(dividing & ~(divided & total[-1]) & (place != 255)),
+        ]
+        m.d.sync += divided.eq(dividing)
+        with m.If(finding):
+            m.d.sync += total.eq(0)
+        with m.Elif(adding | divides):
+            m.d.sync += total.eq((Cat(C(1, 1), total) + Cat(dividing, addend))[1:])
+        with m.If(idle):
+            m.d.sync += place.eq(0)
+        with m.Elif(higher | divides):
+            m.d.sync += place.eq((Cat(C(1, 1), Mux(dividing, place, number))
+                                  + Cat(dividing, C(0, 8)))[1:])
 
         learnt = Signal()
         level = Signal(8)
@@ -142,54 +198,23 @@ class Threshold(wiring.Component):
             self.level.eq(Mux(self.fixed, self.fixed_level, level)),
             self.learnt.eq(self.fixed | learnt),
         ]
+        with m.If(known & self.done):
+            m.d.sync += [level.eq(place), learnt.eq(1)]
 
-        state = Signal(_State)
-        with m.Switch(state):
-            with m.Case(_State.IDLE):
-                m.d.sync += [at.eq(0), down.eq(0), peak.eq(0), place.eq(0)]
-                with m.If(self.closed):
-                    m.d.comb += begin.eq(1)
-                    m.d.sync += state.eq(_State.FIND)
-            with m.Case(_State.FIND):
-                with m.If(age[2]):
-                    with m.If(smooth > peak):
-                        m.d.sync += [peak.eq(smooth), place.eq(number)]
-                    with m.If((number == 254) | (significant & faint)):
-                        m.d.sync += state.eq(_State.FOUND)
-            with m.Case(_State.FOUND):
-                m.d.sync += [at.eq(place), weight.eq(0), total.eq(0), divided.eq(0)]
-                with m.If(significant):
-                    m.d.comb += begin.eq(1)
-                    m.d.sync += state.eq(_State.SUM)
-                with m.Else():
-                    m.d.sync += [place.eq(1), state.eq(_State.KNOWN)]
-            with m.Case(_State.SUM):
-                with m.If(age[1] & ~age[2] & ~down):
-                    m.d.sync += pixels.eq(middle)
-                with m.If(age[3]):
-                    with m.If(~faint & (number != 255) & (number != 0)):
-                        m.d.sync += [
-                            weight.eq(weight + gain),
-                            pixels.eq(pixels + value),
-                            adding[0].eq(1),
-                        ]
-                    with m.Elif(~down):
-                        m.d.sync += [at.eq(place), weight.eq(0), down.eq(1)]
-                        m.d.comb += begin.eq(1)
-                    with m.Else():
-                        m.d.sync += state.eq(_State.DIVIDE)
-            with m.Case(_State.DIVIDE):
-                # The last step takes the sum below zero: it stands for the one in T's formula.
-                with m.If(~adding.any()):
-                    m.d.comb += dividing.eq(1)
-                    m.d.sync += [place.eq(place + 1), divided.eq(1)]
-                    with m.If(divided & (total < 0) | (place == 255)):
-                        m.d.sync += [place.eq(place), state.eq(_State.KNOWN)]
-            with m.Case(_State.KNOWN):
-                with m.If(self.done):
-                    m.d.sync += [level.eq(place), learnt.eq(1)]
-        # Whatever the scan has come to, the end of the frame ends it.
+        # Whatever it has come to, the end of the frame ends it.
+        m.d.sync += start.eq(searched | summed | (idle & ~self.closed))
+        with m.If(idle):
+            m.d.sync += [idle.eq(~self.closed), finding.eq(self.closed), down.eq(0)]
+        with m.If(searched):
+            m.d.sync += [finding.eq(0), summing.eq(found), dividing.eq(~found)]
+        with m.If(summed):
+            m.d.sync += [down.eq(1), summing.eq(~down), dividing.eq(down)]
+        with m.If(dividing & ~divides):
+            m.d.sync += [dividing.eq(0), known.eq(1)]
         with m.If(self.done | self.lost):
-            m.d.sync += state.eq(_State.IDLE)
+            m.d.sync += [
+                idle.eq(1), start.eq(1),
+                finding.eq(0), summing.eq(0), dividing.eq(0), known.eq(0),
+            ]
 
         return m

@@ -4,7 +4,7 @@ import numpy as np
 
 __all__ = ["BIN_LIMIT", "counted_rows", "histogram"]
 
-#: A bin counts up to here.
+#: The largest count that a bin can hold.
 BIN_LIMIT = (1 << 17) - 1
 #: Clocks in which the bins are cleared, and in which the threshold is found.
 _CLEAR, _FIND = 260, 832
@@ -14,7 +14,8 @@ def counted_rows(width, height):
     """First row that is counted, and the first one after it that is not.
 
     The bins are cleared while the first rows of the frame pass, and read while its last rows
-    pass, so that the level is there for the next frame's first pixel, without any blanking.
+    pass, so that the level is there for the next frame's first pixel, without any blanking. Of
+    the rows between, those in the middle are counted, as many as a bin can hold pixels.
 
     Raises
     ------
@@ -25,11 +26,13 @@ def counted_rows(width, height):
     if stop <= first:
         raise ValueError(f"A frame of {width} x {height} pixels is too small to learn a threshold "
                          f"from: it must have more than {first + height - stop} rows")
-    return first, stop
+    rows = min(stop - first, BIN_LIMIT // width)
+    first += (stop - first - rows) // 2
+    return first, first + rows
 
 
 def histogram(frame):
-    """Pixels of each grey value in the counted rows, at most :data:`BIN_LIMIT`.
+    """Pixels of each grey value in the counted rows.
 
     Parameters
     ----------
@@ -42,4 +45,4 @@ def histogram(frame):
         Counts.
     """
     first, stop = counted_rows(frame.shape[1], frame.shape[0])
-    return np.minimum(np.bincount(frame[first:stop].ravel(), minlength=256), BIN_LIMIT)
+    return np.bincount(frame[first:stop].ravel(), minlength=256)

@@ -5,7 +5,7 @@ import numpy as np
 __all__ = ["threshold"]
 
 _FAINT = 4  # a mode ends where the histogram falls below one part in so many of its peak
-_SIGNIFICANT = 64  # a mode's smoothed peak holds at least one pixel in so many
+_SIGNIFICANT = 64  # a mode's smoothed peak holds more than one pixel in so many
 
 
 def _smooth(counts):
@@ -14,36 +14,37 @@ def _smooth(counts):
     return padded[:-2] + 2 * padded[1:-1] + padded[2:]
 
 
-def _first_mode(smooth, pixels):
-    """Peak of the first mode: the highest bin before the histogram falls below a quarter of it.
-
-    Going up from black, peaks that hold less than 1/64 of the pixels are passed over; if there is
-    none above, the mode is black.
-    """
-    peak = place = 0
+def _first_mode(smooth, reached, pixels):
+    """Bin and height of the first mode's peak, None where there is none."""
+    peak, place = pixels // _SIGNIFICANT, None
     for bin_number in range(1, 255):
         value = int(smooth[bin_number])
-        if value > peak:
+        if reached[bin_number] and value > peak:
             peak, place = value, bin_number
-        elif peak * _SIGNIFICANT >= pixels and _FAINT * value < peak:
+        elif place is not None and _FAINT * value < peak:
             break
-    return (place, peak) if peak * _SIGNIFICANT >= pixels else (0, 0)
+    return place, peak
 
 
-def threshold(counts, alpha, pixels=None):
+def threshold(counts, alpha):
     """T = mean + alpha sigma of the histogram's first mode (the paper's Section VI).
 
     What the paper leaves open is read thus. Black and white, 0 and 255, are where the imager
-    clips, so they are no part of a mode; and a lens may leave black corners. The histogram
-    without them is smoothed by (1 2 1). The *first maximum* is the highest bin before the
-    smoothed histogram has fallen below a quarter of it; it holds 1/64 of the counted pixels or
-    more. Where there is none, the background is black and T is 1. The mode are the bins about it
-    without a gap, down to that quarter: a Gaussian is cut there at 1.665 sigma. Its mean absolute
-    deviation about the peak is 0.662 sigma after that cut; so sigma is 3/2 of it, and
+    clips, so they are no part of a mode; the histogram without them is smoothed by (1 2 1). The
+    background is what most of the image is made of, but a round picture has black corners, and
+    much of a tissue may lie in the dark: bins below which less than half of all pixels lie
+    (themselves included, and black ones too) are passed over. From there on, the *first maximum*
+    is the highest bin before the smoothed histogram has fallen below a quarter of it; it is
+    higher than 1/64 of the counted pixels. Where there is none, T is 1, or 255 if more than half
+    of the pixels are white.
+
+    The mode are the bins about the peak without a gap, down to that quarter: a Gaussian is cut
+    there at 1.665 sigma. Its mean absolute deviation about the peak is 0.662 sigma after that
+    cut; so sigma is 3/2 of it, and
 
         T = 1 + floor(peak + mean(d) + alpha * 3/2 * mean(abs(d))),   d = bin - peak,
 
-    which needs one sum and one division. T is at most 255.
+    which needs one sum and one division; no less than 1 + peak, and no more than 255.
 
     Parameters
     ----------
@@ -51,8 +52,6 @@ def threshold(counts, alpha, pixels=None):
         Histogram.
     alpha : :class:`int`
         Standard deviations, unsigned Q4.4.
-    pixels : :class:`int`, optional
-        Pixels that were counted; given, where a bin may have stopped at its limit.
 
     Returns
     -------
@@ -60,12 +59,13 @@ def threshold(counts, alpha, pixels=None):
         Smallest grey value that is lit.
     """
     counts = np.array(counts, dtype=np.int64)
-    pixels = int(counts.sum()) if pixels is None else pixels
+    pixels = int(counts.sum())
+    reached = 2 * np.cumsum(counts) >= pixels
     counts[[0, 255]] = 0
     smooth = _smooth(counts)
-    place, peak = _first_mode(smooth, pixels)
-    if not peak:
-        return 1
+    place, peak = _first_mode(smooth, reached, pixels)
+    if place is None:
+        return 1 if reached[254] else 255
     scaled = alpha + (alpha >> 1)  # Q4.4
     pixels, total = int(counts[place]), 0
     for step, gain in ((1, scaled + 16), (-1, scaled - 16)):

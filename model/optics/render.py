@@ -25,17 +25,53 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 _NODES, _WEIGHTS = _NODES / 2, _WEIGHTS / 2
 
 
-def spots(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where the beams fall and what they look like.
+def _shine(rig: Rig, scene, points: np.ndarray, beam: np.ndarray, sigma_mm: np.ndarray):
+    """What the camera gets of rays of direction `beam` that end at `points` (n, 3).
 
-    Returns
-    -------
-    truth : :class:`numpy.ndarray` of `TRUTH`, (beams,)
-    covariance : :class:`numpy.ndarray`, (beams, 2, 2)
-        Of the spots in the image, in square pixels.
-    light : :class:`numpy.ndarray`, (beams,)
-        Sum over the spot, in levels.
+    Returns whether it sees each, the covariance of its spot in the image, with the lens's blur,
+    and the light received, in units of its own.
     """
+    camera, look = rig.camera, rig.spots
+    # A point is seen if the camera's own ray to it meets nothing before it.
+    away = np.linalg.norm(points, axis=1)
+    normal = scenes.normals(scene, points, 1e-4 * rig.scale)
+    cosine = -(normal * points).sum(axis=1) / away
+    first = scenes.cast(scene, np.zeros(3), points / away[:, None], *_reach(rig))
+    seen = (cosine > 0) & (np.abs(first - away) < 1e-3 * rig.scale)
+
+    # The footprint: move the beam sideways by a little, see where it meets the tangent plane.
+    side, other = _across(beam)
+    little = 1e-4 * rig.scale
+    columns = []
+    for sideways in (side, other):
+        slip = (normal * sideways).sum(axis=1) / (normal * beam).sum(axis=1)
+        move = little * (sideways - beam * np.clip(slip, -20, 20)[:, None])
+        columns.append((camera.project(points + move) - camera.project(points - move)) / 2 / little)
+    jacobian = np.stack(columns, axis=-1)
+    footprint = jacobian @ jacobian.transpose(0, 2, 1) * (sigma_mm**2)[:, None, None]
+    covariance = footprint + np.eye(2) * look.blur_px**2
+    return seen, covariance, np.maximum(cosine, look.least_cosine) / away**2
+
+
+def _reach(rig: Rig) -> tuple[float, float]:
+    """How far rays are followed, and in what steps."""
+    return 2.5 * rig.range_mm[1], 0.4 * rig.scale
+
+
+def _across(beam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors across each beam (n, 3)."""
+    side = np.cross(beam, [0.0, 1.0, 0.0])
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    return side, np.cross(beam, side)
+
+
+def _sigma_mm(rig: Rig, distance: np.ndarray) -> np.ndarray:
+    """Standard deviation of a beam across itself, at a distance from the projector."""
+    return np.hypot(rig.spots.waist_mm, rig.spots.divergence_mrad * 1e-3 * distance)
+
+
+def _spots(rig: Rig, scene):
+    """As `spots`, and the exposure: levels per unit of received light."""
     camera, projector, look = rig.camera, rig.projector, rig.spots
     truth = np.zeros(projector.beams, dtype=TRUTH)
     truth["beam"] = np.arange(projector.beams)
@@ -45,51 +81,26 @@ def spots(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     light = np.zeros(projector.beams)
 
     base, directions = np.asarray(projector.base_mm, dtype=float), projector.directions()
-    longest, step = 2.5 * rig.range_mm[1], 0.4 * rig.scale
-    distance = scenes.cast(scene, base, directions, longest, step)
-    hit = np.flatnonzero(~np.isnan(distance))
-    points = base + directions[hit] * distance[hit, None]
-    hit, points = hit[points[:, 2] > 0], points[points[:, 2] > 0]
+    distance = scenes.cast(scene, base, directions, *_reach(rig))
+    points = base + directions * distance[:, None]
+    hit = np.flatnonzero(points[:, 2] > 0)
+    # As if in the middle of the range, square to the axis.
+    sigma = camera.focal_px * _sigma_mm(rig, rig.middle_mm) / rig.middle_mm
+    middle = 1 / rig.middle_mm**2 / (2 * np.pi * (sigma**2 + look.blur_px**2))
     if not len(hit):
-        return truth, covariance, light
+        return truth, covariance, light, look.peak / middle
+    points = points[hit]
     image = camera.project(points)
     for name, values in zip(
         ("u_px", "v_px", "x_mm", "y_mm", "z_mm"), (*image.T, *points.T), strict=True
     ):
         truth[name][hit] = values
-
-    # A spot is seen if the camera's own ray to it meets nothing before it.
-    away = np.linalg.norm(points, axis=1)
-    normal = scenes.normals(scene, points, 1e-4 * rig.scale)
-    cosine = -(normal * points).sum(axis=1) / away
-    first = scenes.cast(scene, np.zeros(3), points / away[:, None], longest, step)
-    seen = (cosine > 0) & (np.abs(first - away) < 1e-3 * rig.scale)
+    seen, covariance[hit], received = _shine(
+        rig, scene, points, directions[hit], _sigma_mm(rig, distance[hit]))
     truth["seen"][hit] = seen
 
-    # The footprint: move the beam sideways by a little, see where it meets the tangent plane.
-    beam = directions[hit]
-    side = np.cross(beam, [0.0, 1.0, 0.0])
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    little = 1e-4 * rig.scale
-    columns = []
-    for sideways in (side, np.cross(beam, side)):
-        slip = (normal * sideways).sum(axis=1) / (normal * beam).sum(axis=1)
-        slip = np.clip(slip, -20, 20)
-        move = little * (sideways - beam * slip[:, None])
-        columns.append((camera.project(points + move) - camera.project(points - move)) / 2 / little)
-    jacobian = np.stack(columns, axis=-1)
-    sigma_mm = np.hypot(look.waist_mm, look.divergence_mrad * 1e-3 * distance[hit])
-    footprint = jacobian @ jacobian.transpose(0, 2, 1) * (sigma_mm**2)[:, None, None]
-    covariance[hit] = footprint + np.eye(2) * look.blur_px**2
-
-    # Exposure, in two steps: as if in the middle of the range, then within its span.
-    received = np.maximum(cosine, look.least_cosine) / away**2
-    area = 2 * np.pi * np.sqrt(np.linalg.det(covariance[hit]))
-    brightest = received / area
-    sigma = rig.camera.focal_px * np.hypot(
-        look.waist_mm / rig.middle_mm, look.divergence_mrad * 1e-3
-    )
-    middle = 1 / rig.middle_mm**2 / (2 * np.pi * (sigma**2 + look.blur_px**2))
+    # The exposure suits the scene, within its span.
+    brightest = received / (2 * np.pi * np.sqrt(np.linalg.det(covariance[hit])))
     wanted = np.quantile(brightest[seen], 0.9) if seen.any() else middle
     exposure = look.peak / np.clip(
         wanted, middle / look.exposure_span, middle * look.exposure_span
@@ -101,7 +112,57 @@ def spots(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     low, high = rig.range_mm
     truth["inside"] = truth["seen"] & (truth["z_mm"] >= low) & (truth["z_mm"] <= high)
     truth["inside"][hit] &= camera.inside(image, rig.margin_px)
-    return truth, covariance, light
+    return truth, covariance, light, exposure
+
+
+def spots(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where the beams fall and what they look like on the plane that touches the surface there.
+
+    Returns
+    -------
+    truth : :class:`numpy.ndarray` of `TRUTH`, (beams,)
+    covariance : :class:`numpy.ndarray`, (beams, 2, 2)
+        Of the spots in the image, in square pixels.
+    light : :class:`numpy.ndarray`, (beams,)
+        Sum over the spot, in levels.
+    """
+    return _spots(rig, scene)[:3]
+
+
+#: Rays of a beam: their places across it, in its standard deviations, and their shares of its
+#: light. Each is a Gaussian itself, of half the beam's width; together they are the beam.
+_GRID = np.stack(np.meshgrid(*2 * [np.linspace(-2.4, 2.4, 9)]), axis=-1).reshape(-1, 2)
+_GRID = _GRID[(_GRID**2).sum(axis=1) < 2.5**2]
+_SHARE = np.exp(-0.5 * (_GRID**2).sum(axis=1) / 0.75)
+_SHARE /= _SHARE.sum()
+
+
+def parts(
+    rig: Rig, scene
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """The truth, and the spots in parts: centres, covariances and light of Gaussians to draw.
+
+    Every beam is cut into rays that each go their own way: a spot on a curved surface is no longer
+    an ellipse around its axis, and one that straddles an edge falls apart, as in the world.
+    """
+    truth, _, _, exposure = _spots(rig, scene)
+    base, axes = np.asarray(rig.projector.base_mm, dtype=float), rig.projector.directions()
+    hit = np.flatnonzero(np.isfinite(truth["z_mm"]))
+    axis = np.stack([truth[name][hit] for name in ("x_mm", "y_mm", "z_mm")], axis=-1)
+    sigma = _sigma_mm(rig, np.linalg.norm(axis - base, axis=1))[:, None, None]
+    side, other = _across(axes[hit])
+    ends = axis[:, None] + sigma * (
+        _GRID[:, :1] * side[:, None] + _GRID[:, 1:] * other[:, None])
+    rays = (ends - base).reshape(-1, 3)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    distance = scenes.cast(scene, base, rays, *_reach(rig))
+    points = base + rays * distance[:, None]
+    good = points[:, 2] > 0
+    points, rays = points[good], rays[good]
+    seen, covariance, received = _shine(
+        rig, scene, points, rays, 0.5 * _sigma_mm(rig, distance[good]))
+    light = np.tile(_SHARE, len(hit))[good] * received * exposure
+    return truth, (rig.camera.project(points)[seen], covariance[seen], light[seen])
 
 
 def draw_spots(
@@ -166,10 +227,12 @@ def expose(rig: Rig, levels: np.ndarray, rng: np.random.Generator) -> np.ndarray
 
 def pattern_levels(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray]:
     """Laser spots alone, in levels (float64, without noise or limit), and the truth."""
-    truth, covariance, light = spots(rig, scene)
-    centres = np.stack([truth["u_px"], truth["v_px"]], axis=-1)
-    shape = rig.camera.height, rig.camera.width
-    return draw_spots(shape, centres, covariance, light), truth
+    if rig.spots.split:
+        truth, gaussians = parts(rig, scene)
+    else:
+        truth, covariance, light = spots(rig, scene)
+        gaussians = np.stack([truth["u_px"], truth["v_px"]], axis=-1), covariance, light
+    return draw_spots((rig.camera.height, rig.camera.width), *gaussians), truth
 
 
 def pattern_frame(

@@ -27,6 +27,9 @@ class Spots:
     is Lambert's, with a cosine of at least `least_cosine`, over the square of the distance. The
     exposure is set on each frame so that nine spots in ten peak at `peak` levels or less, within a
     factor of `exposure_span` up or down of the one for the middle of the range.
+
+    With `split`, every beam is cut into rays, so that spots are bent by curved surfaces and torn
+    by edges; without, each is an ellipse on the plane that touches the surface at its axis.
     """
 
     waist_mm: float
@@ -35,6 +38,7 @@ class Spots:
     peak: float = 190.0
     least_cosine: float = 0.3
     exposure_span: float = 4.0
+    split: bool = False
 
 
 @dataclass(frozen=True)

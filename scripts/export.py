@@ -88,14 +88,27 @@ class Memory:
 
 
 def verilog(component, name):
-    """Verilog of ``component``, its inner modules renamed so that no name needs an escape."""
+    """Verilog of ``component``, the same each time; inner modules need no escaped names.
+
+    Ports stand in the order of the signature, clocks and resets before them; in inner modules they
+    are sorted.
+    """
+    order = {port: place for place, port in enumerate(flat_ports(component))}
     text = to_verilog(component, name)
     inner = re.findall(r"^module \\(\S+)", text, re.MULTILINE)
     legal = {module: re.sub(r"\W+", "_", module) for module in inner}
     if len(set(legal.values()) | {name}) != len(inner) + 1:
         raise NameError(f"Inner modules of {name!r} differ only in their punctuation")
-    return re.sub(r"^(module |  )\\(\S+) ", lambda match: match[1] + (
+    text = re.sub(r"^(module |  )\\(\S+) ", lambda match: match[1] + (
         legal[match[2]] + " " if match[2] in legal else f"\\{match[2]} "), text, flags=re.MULTILINE)
+
+    def header(match):
+        listed = [port.strip() for port in match[2].split(",")]
+        listed.sort(key=lambda port: (order.get(port, -1) if match[1] == name else 0, port))
+        spelt = (port + " " if port.startswith("\\") else port for port in listed)
+        return f"module {match[1]}({', '.join(spelt)});"
+
+    return re.sub(r"^module (\w+) ?\(([^;]*)\);$", header, text, flags=re.MULTILINE)
 
 
 def modules(text):

@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -131,6 +132,20 @@ def test_inner_modules_need_no_escape(exported):
     text = text_of(exported, TOP)
     assert "module \\" not in text
     assert len(export.modules(text)) > len(BLOCKS) / 2
+
+
+def test_verilog_is_the_same_each_time():
+    """Also where Python orders its sets otherwise, and the port list is in order."""
+    code = ("from scripts.blocks import find; from scripts.export import verilog; "
+            "print(verilog(find('camera').component(), 'camera'))")
+    texts = {
+        subprocess.run(
+            [sys.executable, "-c", code], env=os.environ | {"PYTHONHASHSEED": seed}, cwd=ROOT,
+            capture_output=True, text=True, check=True).stdout for seed in ("1", "2")}
+    [text] = texts
+    listed = re.search(r"^module camera\((.*)\);$", text, re.M)[1].split(", ")
+    clocks = ["clk", "pixel_clk", "pixel_rst", "rst"]
+    assert listed == [*clocks, *flat_ports(find("camera").component())]
 
 
 def test_projects_are_written(exported):

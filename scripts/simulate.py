@@ -1,6 +1,7 @@
 """``cyclope simulate``: write a capture folder of a simulated rig."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from scripts.errors import UserError
@@ -15,9 +16,9 @@ _RIGS = ("capsule", "demonstrator", "small")
 def add_arguments(parser):
     """Declare what ``cyclope simulate`` takes."""
     parser.description = (
-        "Write a capture folder as a rig would record it: chessboard photographs, plane frames, "
-        "frames to measure with their texture, nominal values that are not quite right, and the "
-        "truth. The same arguments give the same bytes.")
+        "Write a capture folder as a rig would record it: chessboard photographs, plane\n"
+        "frames, frames to measure with their texture, nominal values that are not quite\n"
+        "right, and the truth. The same arguments give the same bytes.")
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = (
         "kinds:\n"
@@ -38,6 +39,9 @@ def add_arguments(parser):
                         help="of everything random, 0 or more; default: 0")
     parser.add_argument("--frames", type=int, default=10, metavar="N",
                         help="frames to measure; default: 10")
+    parser.add_argument("--split-spots", action="store_true",
+                        help="follow many rays of each beam: spots are bent by curved surfaces and "
+                             "torn by edges, instead of ellipses around the beam's axis; slower")
 
 
 def add_parser(subparsers):
@@ -60,13 +64,14 @@ def main(arguments):
     from model.optics.rigs import RIGS
     from scripts.outputs import new_folder
 
+    rig = RIGS[arguments.rig]
+    rig = replace(rig, spots=replace(rig.spots, split=arguments.split_spots))
     errors = Console(stderr=True)
     bar = Progress(TextColumn("simulating {task.description}"), BarColumn(), MofNCompleteColumn(),
                    console=errors, transient=True, disable=not errors.is_terminal)
     with new_folder(arguments.output) as folder, bar:
         task = bar.add_task("lens", total=capture.pictures(arguments.frames))
-        capture.write(folder, arguments.kind, RIGS[arguments.rig], arguments.seed,
-                      arguments.frames,
+        capture.write(folder, arguments.kind, rig, arguments.seed, arguments.frames,
                       progress=lambda name: bar.update(task, advance=1, description=name))
     print(f"{arguments.frames} frames of a simulated {arguments.rig} rig in {arguments.output}")
     return 0

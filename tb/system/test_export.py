@@ -30,6 +30,13 @@ def exported():
     return folder
 
 
+def component_of(block):
+    """A component to look at, which Amaranth need not warn of since nothing elaborates it."""
+    component = block.component()
+    component._MustUse__silence = True
+    return component
+
+
 def text_of(exported, block):
     return (exported / "verilog" / f"{block.name}.v").read_text()
 
@@ -56,7 +63,7 @@ def test_port_names_are_legal(exported, block):
     for name in names:
         assert LEGAL.fullmatch(name), name
         assert name not in VHDL_RESERVED | SV_RESERVED, name
-    assert set(flat_ports(block.component())) <= set(names)
+    assert set(flat_ports(component_of(block))) <= set(names)
 
 
 @pytest.mark.parametrize("block", PRESENT, ids=NAMES)
@@ -124,7 +131,7 @@ def test_twin_has_the_same_ports(exported, block):
         return list(dict.fromkeys(re.sub("_(valid|ready|payload)$", "", name) for name in names))
 
     assert members(port.name for port in twin) == [
-        "clk", "rst", *members(flat_ports(block.component()))]
+        "clk", "rst", *members(flat_ports(component_of(block)))]
     assert (exported / "vhdl" / block.twin.name).read_bytes() == block.twin.read_bytes()
 
 
@@ -145,7 +152,7 @@ def test_verilog_is_the_same_each_time():
     [text] = texts
     listed = re.search(r"^module camera\((.*)\);$", text, re.M)[1].split(", ")
     clocks = ["clk", "pixel_clk", "pixel_rst", "rst"]
-    assert listed == [*clocks, *flat_ports(find("camera").component())]
+    assert listed == [*clocks, *flat_ports(component_of(find("camera")))]
 
 
 def test_projects_are_written(exported):
@@ -196,7 +203,7 @@ def test_bad_calibration_is_told_in_a_sentence(tmp_path, capsys):
 
 
 def test_payload_fields_are_spelt_out():
-    table = export.payloads(find("binarise").component())
+    table = export.payloads(component_of(find("binarise")))
     assert table["i_payload"] == (
         "grey 7..0, mark.line_end 8, mark.frame_end 9, mark.broken 10")
 

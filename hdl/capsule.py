@@ -1,6 +1,7 @@
 """The whole capsule: camera pins in, serial pin out."""
 
-from amaranth.hdl import C, Cat, Module, Shape, Signal, signed
+from amaranth.hdl import (
+    C, Cat, ClockDomain, ClockSignal, DomainRenamer, Module, ResetSignal, Shape, Signal, signed)
 from amaranth.lib import enum, stream, wiring
 from amaranth.lib.fifo import SyncFIFO
 from amaranth.lib.wiring import In, Out, connect
@@ -28,6 +29,8 @@ __all__ = ["Capsule", "TableSelect"]
 
 #: Frames whose points may still be on their way when the next one starts.
 _FRAMES_IN_FLIGHT = 4
+#: Clocks that the spot side goes on after the last sign of work: no block hides any for longer.
+_LINGER = 63
 
 
 class TableSelect(enum.Enum, shape=2):
@@ -38,6 +41,23 @@ class TableSelect(enum.Enum, shape=2):
     BEAMS = 2  # line in the low 36 bits, window above
 
 
+_REGISTERS = {
+    "threshold_fixed": 1,
+    "threshold_level": 8,
+    "alpha": 8,
+    "erosion_mode": 2,
+    "weighted": 1,
+    "area_min": 8,
+    "area_max": 8,
+    "report_rejected": 1,
+    "principal_u": COORDINATE_BITS,
+    "principal_v": COORDINATE_BITS,
+    "tangential_1": signed(18),
+    "tangential_2": signed(18),
+    "divisor": 16,
+}
+
+
 class Capsule(wiring.Component):
     """Turns frames of laser spots into packets of 3-D points.
 
@@ -45,10 +65,17 @@ class Capsule(wiring.Component):
     counted and told to the reader: spots for which the queue has no room, frames that lost
     synchronism, frames that were skipped because four others were still on their way.
 
+    Pixels come every clock, spots rarely. What works on spots and on the threshold is in a clock
+    domain of its own, ``spot``, which is ``sync`` unless ``gated``: then its clock is a port, and
+    may stand still in every clock in which ``busy`` is low, without any difference to what comes
+    out. On a device with clock gates that saves power; in a simulation, time.
+
     Parameters
     ----------
     config : :class:`hdl.config.Config`
         Constructor choices.
+    gated : :class:`bool`
+        Make the clock of the spot side a port, ``spot_clk``, with ``spot_rst``.
 
     Members
     -------
@@ -56,35 +83,28 @@ class Capsule(wiring.Component):
         The camera's pins, sampled at each rising edge in the domain ``pixel``.
     tx : :py:`Out(1)`
         The serial pin, 8N1, at ``divisor`` clocks a bit.
+    busy : :py:`Out(1)`
+        The spot side needs its clock.
     threshold_fixed, threshold_level, alpha, erosion_mode, weighted, area_min, area_max, \
     report_rejected, principal_u, principal_v, tangential_1, tangential_2, divisor
-        Registers; they may change only between frames. See ``hdl/README.md``.
+        Registers; they may change only between frames, and are heard a clock later. See
+        ``hdl/README.md``.
     table_enable, table_select, table_address, table_data
         Writes a word of a table in each clock that ``table_enable`` is high, between frames.
     """
 
-    def __init__(self, config):
+    def __init__(self, config, gated=False):
         if not isinstance(config, Config):
             raise TypeError(f"The configuration must be a Config, not {config!r}")
         self.config = config
+        self.gated = gated
         super().__init__({
             "frame_valid": In(1),
             "line_valid": In(1),
             "data": In(8),
             "tx": Out(1, init=1),
-            "threshold_fixed": In(1),
-            "threshold_level": In(8),
-            "alpha": In(8),
-            "erosion_mode": In(2),
-            "weighted": In(1),
-            "area_min": In(8),
-            "area_max": In(8),
-            "report_rejected": In(1),
-            "principal_u": In(COORDINATE_BITS),
-            "principal_v": In(COORDINATE_BITS),
-            "tangential_1": In(signed(18)),
-            "tangential_2": In(signed(18)),
-            "divisor": In(16),
+            "busy": Out(1),
+            **{name: In(shape) for name, shape in _REGISTERS.items()},
             "table_enable": In(1),
             "table_select": In(TableSelect),
             "table_address": In(10),
@@ -95,6 +115,14 @@ class Capsule(wiring.Component):
         m = Module()
         config = self.config
         size = {"width": config.width, "height": config.height}
+
+        spot_side = DomainRenamer("spot")
+        if not self.gated:
+            m.domains.spot = ClockDomain(local=True)
+            m.d.comb += [
+                ClockSignal("spot").eq(ClockSignal()), ResetSignal("spot").eq(ResetSignal())]
+        register = {name: Signal(shape, name=name) for name, shape in _REGISTERS.items()}
+        m.d.sync += [signal.eq(getattr(self, name)) for name, signal in register.items()]
 
         # Acquisition.
         m.submodules.camera = camera = Camera(**size)
@@ -111,12 +139,12 @@ class Capsule(wiring.Component):
 
         # Preprocessing. The histogram only listens.
         m.submodules.histogram = histogram = Histogram(**size)
-        m.submodules.threshold = threshold = Threshold(**size)
+        m.submodules.threshold = threshold = spot_side(Threshold(**size))
         m.submodules.binarise = binarise = Binarise(8)
         m.submodules.erosion = erosion = Erosion(config.width)
         m.submodules.labelling = labelling = Labelling(**size)
-        m.submodules.spot_queue = spot_queue = SpotQueue(config.spot_depth)
-        m.submodules.centre = centre = Centring()
+        m.submodules.spot_queue = spot_queue = spot_side(SpotQueue(config.spot_depth))
+        m.submodules.centre = centre = spot_side(Centring())
         connect(m, gate.o, binarise.i)
         m.d.comb += [
             histogram.i.valid.eq(gate.o.valid & gate.o.ready),
@@ -132,38 +160,38 @@ class Capsule(wiring.Component):
             threshold.lost.eq(histogram.lost),
             histogram.address.eq(threshold.address),
             threshold.count.eq(histogram.count),
-            threshold.alpha.eq(self.alpha),
-            threshold.fixed.eq(self.threshold_fixed),
-            threshold.fixed_level.eq(self.threshold_level),
+            threshold.alpha.eq(register["alpha"]),
+            threshold.fixed.eq(register["threshold_fixed"]),
+            threshold.fixed_level.eq(register["threshold_level"]),
             gate.level.eq(threshold.level),
             gate.learnt.eq(threshold.learnt),
             binarise.level.eq(threshold.level),
             binarise.enable.eq(threshold.learnt),
-            erosion.mode.eq(self.erosion_mode),
-            labelling.weighted.eq(self.weighted),
-            spot_queue.area_min.eq(self.area_min),
-            spot_queue.area_max.eq(self.area_max),
-            spot_queue.report_rejected.eq(self.report_rejected),
+            erosion.mode.eq(register["erosion_mode"]),
+            labelling.weighted.eq(register["weighted"]),
+            spot_queue.area_min.eq(register["area_min"]),
+            spot_queue.area_max.eq(register["area_max"]),
+            spot_queue.report_rejected.eq(register["report_rejected"]),
         ]
 
         # Stereo.
-        m.submodules.undistort = undistort = Undistort(**size)
-        m.submodules.epipolar = epipolar = Epipolar(config.beams, config.lanes)
-        m.submodules.depth = depth = Depth()
-        m.submodules.point_fifo = point_fifo = PointFIFO()
+        m.submodules.undistort = undistort = spot_side(Undistort(**size))
+        m.submodules.epipolar = epipolar = spot_side(Epipolar(config.beams, config.lanes))
+        m.submodules.depth = depth = spot_side(Depth())
+        m.submodules.point_fifo = point_fifo = spot_side(PointFIFO())
         connect(m, centre.o, undistort.i)
         connect(m, undistort.o, epipolar.i)
         connect(m, epipolar.o, depth.i)
         connect(m, depth.o, point_fifo.i)
         m.d.comb += [
-            undistort.principal_u.eq(self.principal_u),
-            undistort.principal_v.eq(self.principal_v),
-            undistort.tangential_1.eq(self.tangential_1),
-            undistort.tangential_2.eq(self.tangential_2),
+            undistort.principal_u.eq(register["principal_u"]),
+            undistort.principal_v.eq(register["principal_v"]),
+            undistort.tangential_1.eq(register["tangential_1"]),
+            undistort.tangential_2.eq(register["tangential_2"]),
         ]
 
         # Tables. Depth and reciprocals share a memory, each block with a port of its own.
-        m.submodules.shared_table = shared_table = TableMemory()
+        m.submodules.shared_table = shared_table = spot_side(TableMemory())
         write = {memory: Signal(name=f"write_{memory.name.lower()}") for memory in TableSelect}
         m.d.comb += [
             *(write[memory].eq(self.table_enable & (self.table_select == memory))
@@ -185,8 +213,8 @@ class Capsule(wiring.Component):
         ]
 
         # Link.
-        m.submodules.packet = packet = Packet()
-        m.submodules.uart_tx = uart_tx = UARTTransmitter()
+        m.submodules.packet = packet = spot_side(Packet())
+        m.submodules.uart_tx = uart_tx = spot_side(UARTTransmitter())
         connect(m, point_fifo.o, packet.i)
         connect(m, spot_queue.counts, packet.counts)
         connect(m, frame_info.r_stream, packet.info)
@@ -194,7 +222,25 @@ class Capsule(wiring.Component):
         m.d.comb += [
             packet.bad_sync.eq(camera.bad_sync),
             packet.overrun.eq(camera.overrun),
-            uart_tx.divisor.eq(self.divisor),
+            uart_tx.divisor.eq(register["divisor"]),
             self.tx.eq(uart_tx.tx),
         ]
+
+        # The spot side works while anything moves between its blocks, and a little longer.
+        learning, moves = Signal(), Signal()
+        linger = Signal(range(_LINGER + 1), init=_LINGER)
+        with m.If(histogram.closed | histogram.done | histogram.lost):
+            m.d.sync += learning.eq(histogram.closed)
+        m.d.comb += [
+            moves.eq(Cat(
+                self.table_enable, histogram.closed, learning, histogram.done, histogram.lost,
+                labelling.o.valid, spot_queue.o.valid, centre.o.valid, undistort.o.valid,
+                epipolar.o.valid, depth.o.valid, point_fifo.o.valid, packet.o.valid,
+                ~uart_tx.i.ready).any()),
+            self.busy.eq(moves | linger.any()),
+        ]
+        with m.If(moves):
+            m.d.sync += linger.eq(_LINGER)
+        with m.Elif(linger.any()):
+            m.d.sync += linger.eq(linger - 1)
         return m

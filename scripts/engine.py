@@ -128,7 +128,7 @@ def build(config):
             return library
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
-        (folder / "capsule.v").write_text(to_fast_verilog(Capsule(config), "capsule"))
+        (folder / "capsule.v").write_text(to_fast_verilog(Capsule(config, gated=True), "capsule"))
 
         def step(*command):
             done = subprocess.run(command, cwd=folder, env=environment, text=True,

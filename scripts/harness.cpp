@@ -1,5 +1,6 @@
 // The Verilated capsule as a plain C library: frames in at the camera's pins, octets out of the
-// serial pin. No VPI; both clocks run together, one pixel a clock; the UART runs at one clock a bit.
+// serial pin. No VPI; all clocks run together, one pixel a clock, but the spot side's stands still
+// while it is not busy; the UART runs at one clock a bit.
 #include "Vcapsule.h"
 #include "verilated.h"
 
@@ -20,9 +21,11 @@ struct Harness {
     void clock() {
         top.clk = 1;
         top.pixel_clk = 1;
+        top.spot_clk = top.busy;
         top.eval();
         top.clk = 0;
         top.pixel_clk = 0;
+        top.spot_clk = 0;
         top.eval();
         ++clocks;
         if (bit < 0) {
@@ -36,9 +39,10 @@ struct Harness {
     }
 
     void reset() {
-        top.rst = top.pixel_rst = 1;
+        top.rst = top.pixel_rst = top.spot_rst = 1;
+        top.eval();
         for (int i = 0; i < 4; ++i) clock();
-        top.rst = top.pixel_rst = 0;
+        top.rst = top.pixel_rst = top.spot_rst = 0;
         for (int i = 0; i < 4; ++i) clock();
         octets.clear();
         bit = -1;
@@ -85,6 +89,7 @@ void capsule_write_table(Harness* harness, int select, uint32_t address, const u
     top.table_select = select;
     top.table_address = address;
     for (int i = 0; i < 3; ++i) top.table_data[i] = word[i];
+    top.eval();  // the write makes the spot side busy in this very clock
     harness->clock();
     top.table_enable = 0;
 }

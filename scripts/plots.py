@@ -11,14 +11,11 @@ from matplotlib.ticker import MaxNLocator  # noqa: E402
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # noqa: E402
 
 from scripts.accuracy import WRONG  # noqa: E402
+from scripts.summary import many  # noqa: E402
 
 __all__ = ["plot_cloud", "plot_error"]
 
 _MAP = "viridis_r"
-
-
-def _many(number, what):
-    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def _mesh(axes, points, columns):
@@ -74,7 +71,7 @@ def plot_cloud(path, points, columns):
     frames = np.unique(placed["frame"])
     single = len(frames) <= 1
     figure = pyplot.figure(figsize=(12, 6 if single else 9.5), layout="constrained")
-    figure.suptitle(f"{_many(len(placed), 'point')} of {_many(len(frames), 'frame')}, "
+    figure.suptitle(f"{many(len(placed), 'point')} of {many(len(frames), 'frame')}, "
                     "in millimetres, coloured by their distance")
     if not len(placed):
         figure.text(0.5, 0.5, "no points", ha="center", fontsize=20, color="0.5")

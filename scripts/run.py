@@ -30,7 +30,8 @@ def add_arguments(parser):
         help="calibration.json from `cyclope calibrate`")
     parser.add_argument(
         "--engine", choices=("rtl", "model"), default="rtl",
-        help="the RTL, Verilated (default), or the numpy model; both give identical points")
+        help="the RTL, Verilated (default), or the numpy model; both give identical points, unless "
+             "a frame has more spots than the chip has room for")
     parser.add_argument(
         "--level", type=int, metavar="N",
         help="fixed threshold, 1 to 255, instead of the calibration's choice; 0 learns it from "
@@ -48,24 +49,26 @@ def add_arguments(parser):
 
 def _notes(image, frame, listed):
     """All that is not as it should be with a frame, in words."""
+    from scripts.summary import many
     notes = []
     if frame.broken:
         notes.append("broken: synchronism lost")
     if frame.learning:
         notes.append("learning: no threshold yet")
     if frame.skipped:
-        notes.append(f"{frame.skipped} frames lost before it")
+        notes.append(f"{many(frame.skipped, 'frame')} lost before it")
     if frame.dropped:
-        notes.append(f"{frame.dropped} spots dropped, no room")
+        notes.append(f"{many(frame.dropped, 'spot')} dropped, no room")
     if frame.lost or not frame.summarised:
-        notes.append(f"{frame.lost} packets lost on the link")
+        notes.append(f"{many(frame.lost, 'packet')} lost on the link")
     elif not frame.balanced:
         notes.append("its counts do not add up")
     if frame.bad_sync or frame.overrun:
-        notes.append(f"camera: {frame.bad_sync} bad syncs, {frame.overrun} overruns so far")
+        notes.append(f"camera: {many(frame.bad_sync, 'bad sync')}, "
+                     f"{many(frame.overrun, 'overrun')} so far")
     unlisted = frame.rejected - listed
     if unlisted > 0:
-        notes.append(f"{unlisted} rejected spots without a row")
+        notes.append(f"{many(unlisted, 'rejected spot')} without a row")
     if not image.any():
         notes.append("all black")
     elif image.min() == 255:
@@ -150,6 +153,7 @@ def run(targets, calibration_path, output, engine="rtl", *, independent=False, p
     from scripts.engine import open_engine
     from scripts.outputs import write_csv, write_ply
     from scripts.points import POINT
+    from scripts.summary import many
 
     calibration = file.load(calibration_path)
     if level is not None:
@@ -194,13 +198,17 @@ def run(targets, calibration_path, output, engine="rtl", *, independent=False, p
         with open(folder / "summary.txt", "w") as text:
             _report(Console(file=text, width=130, color_system=None), frames, accuracy)
     _report(console, frames, accuracy, _TABLE_LINES)
-    console.print(f"{len(points)} spots of {len(frames)} frames in {output}", highlight=False)
+    console.print(f"{many(len(points), 'spot')} of {many(len(frames), 'frame')} in {output}",
+                  highlight=False)
     return frames, accuracy
 
 
 def _report(console, frames, accuracy, limit=None):
-    from scripts.summary import accuracy_table, frames_table
+    from scripts.summary import accuracy_table, frames_table, notes_text
     console.print(frames_table(frames, limit))
+    notes = notes_text(frames, limit)
+    if notes:
+        console.print(notes)
     if accuracy is not None:
         console.print(accuracy_table({"all frames": accuracy}))
 

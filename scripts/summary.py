@@ -4,12 +4,17 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["COLOURS", "accuracy_table", "frames_table", "totals"]
+__all__ = ["COLOURS", "accuracy_table", "frames_table", "many", "notes_text", "totals"]
 
 #: A colour per status, in the order of the codes, for pictures and terminals alike.
 COLOURS = ("#35d07f", "#b0b0b0", "#ffb02e", "#ff5a4f")
 
 _COUNTED = ("ok", "noise", "ambiguous", "rejected")
+
+
+def many(number, what):
+    """``1 frame`` or ``3 frames``."""
+    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def _figures(shown):
@@ -26,7 +31,7 @@ def totals(frames):
 
 
 def _cell(name, value):
-    bad = value and name in ("dropped",)
+    bad = value and name == "dropped"
     return Text(str(value), style="bold red" if bad else "" if value else "dim")
 
 
@@ -38,36 +43,39 @@ def frames_table(frames, limit=None):
     frames : list of :class:`scripts.points.Shown`
         In the order measured.
     limit : :class:`int` or None
-        With more frames than this, only those with notes have a line of their own, and the first
-        ``limit`` of the others.
+        After so many frames only those with notes have a line of their own, as many again at most.
     """
-    table = Table(box=box.SIMPLE_HEAD, title=f"Spots of {len(frames)} frames",
+    table = Table(box=box.SIMPLE_HEAD, title=f"Spots of {many(len(frames), 'frame')}",
                   title_justify="left", padding=(0, 1), pad_edge=False)
-    table.add_column("frame", justify="right", no_wrap=True)
-    table.add_column("level", justify="right", no_wrap=True)
-    for name, colour in zip(_COUNTED, COLOURS, strict=True):
-        if name == "ok":
-            table.add_column("spots", justify="right", no_wrap=True)
+    for name, colour in (("frame", ""), ("level", ""), ("spots", ""),
+                         *zip(_COUNTED, COLOURS, strict=True), ("dropped", ""), ("", "")):
         table.add_column(name, justify="right", header_style=colour, no_wrap=True)
-    table.add_column("dropped", justify="right", no_wrap=True)
-    table.add_column("notes")
-    hidden = 0
+    shown_lines = hidden = 0
     for position, shown in enumerate(frames):
-        if limit is not None and position >= limit and not shown.notes:
+        late = limit is not None and position >= limit
+        if late and (not shown.notes or shown_lines >= 2 * limit):
             hidden += 1
             continue
-        figures = _figures(shown)
+        shown_lines += 1
         table.add_row(
             str(shown.index), str(shown.level),
-            *(_cell(name, value) for name, value in figures.items()),
-            Text("; ".join(shown.notes), style="yellow"))
+            *(_cell(name, value) for name, value in _figures(shown).items()),
+            Text("!" if shown.notes else "", style="bold yellow"))
     if hidden:
-        table.add_row("…", *[""] * 7, Text(f"{hidden} more", style="dim"))
+        table.add_row("…", f"{hidden} more")
     table.add_section()
-    noted = sum(bool(shown.notes) for shown in frames)
-    table.add_row("all", "", *(str(value) for value in totals(frames).values()),
-                  Text(f"{noted} noted" if noted else ""), style="bold")
+    table.add_row("all", "", *(str(value) for value in totals(frames).values()), style="bold")
     return table
+
+
+def notes_text(frames, limit=None):
+    """What was not as it should be, a line per frame; at most ``limit`` lines, then how many more.
+    """
+    noted = [shown for shown in frames if shown.notes]
+    lines = [f"! frame {shown.index}: {'; '.join(shown.notes)}" for shown in noted[:limit]]
+    if len(lines) < len(noted):
+        lines.append(f"! {many(len(noted) - len(lines), 'more frame')} with notes, in summary.txt")
+    return Text("\n".join(lines), style="yellow")
 
 
 def _share(value, digits=2):

@@ -337,12 +337,32 @@ def test_without_compiler_the_other_engine_is_named(prepared, tmp_path, capsys, 
     assert "C++" in said and "--engine model" in said
 
 
-def test_engines_give_the_same_bytes(prepared, measured, tmp_path):
-    out = tmp_path / "out"
-    assert cli.main(["run", prepared[0], "--calibration", prepared[1], "--engine", "rtl",
-                     "--no-pictures", "-o", out]) == 0
-    for name in ("points.csv", "points.ply"):
-        assert (out / name).read_bytes() == (measured / name).read_bytes()
+@pytest.mark.parametrize("options", [[], ["--independent"], ["--level", "30"]],
+                         ids=lambda options: "".join(options) or "learnt")
+def test_engines_give_the_same_bytes(options, prepared, tmp_path):
+    for kind in ("rtl", "model"):
+        assert cli.main(["run", prepared[0], "--calibration", prepared[1], "--engine", kind,
+                         "--no-pictures", "-o", tmp_path / kind, *options]) == 0
+    assert len(table(tmp_path / "rtl")) > 500
+    for name in ("points.csv", "points.ply", "summary.txt"):
+        one, other = ((tmp_path / kind / name).read_text() for kind in ("rtl", "model"))
+        assert one == other
+
+
+def test_what_the_chip_has_no_room_for_is_counted(prepared, tmp_path, capsys):
+    noisy = cv2.imread(str(frames_of(prepared[0])[0]), cv2.IMREAD_UNCHANGED).astype(int)
+    noisy += np.random.default_rng(1).integers(0, 25, noisy.shape)
+    cv2.imwrite(str(tmp_path / "0.png"), np.clip(noisy, 0, 255).astype(np.uint8))
+    for kind in ("rtl", "model"):
+        assert cli.main(["run", tmp_path / "0.png", "--calibration", prepared[1], "--engine", kind,
+                         "--no-pictures", "--level", "30", "-o", tmp_path / kind]) == 0
+        if kind == "rtl":
+            said = capsys.readouterr().out
+    some, all_of_them = (
+        set((tmp_path / kind / "points.csv").read_text().splitlines()) for kind in ("rtl", "model"))
+    assert some < all_of_them
+    lost = len(all_of_them) - len(some)
+    assert f"! frame 0: {lost} rejected spots without a row" in said
 
 
 def test_help_is_quick_and_complete():

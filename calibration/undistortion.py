@@ -51,9 +51,11 @@ def _radial_table(focal, k1, k2, bits):
     scale = _radial_scale(np.sqrt(ends) / focal, k1, k2)
     slope = (scale[1] - scale[0]) / (2 * node)
     start = scale.mean(axis=0) - slope * (0.5 - SEGMENTS / _WORD / 2)
+    slope_word = np.round(-slope * _SCALE)
     # Products with the fraction are cut: half of an LSB makes up for it.
-    words = np.stack([0.5 - start * _SCALE, -slope * _SCALE], axis=-1)
-    words = np.clip(np.round(words), -_WORD // 2, _WORD // 2 - 1).astype(int)
+    start_word = np.round((slope_word != 0) / 2 - start * _SCALE)
+    words = np.stack([start_word, slope_word], axis=-1)
+    words = np.clip(words, -_WORD // 2, _WORD // 2 - 1).astype(int)
     return tuple(int(word) % _WORD for word in words.ravel())
 
 
@@ -61,7 +63,7 @@ def _newton(u, v, k1, k2, p1, p2):
     """Undistorted normalised places and their gains (inf where the model has folded)."""
     scale = _radial_scale(np.hypot(u, v), k1, k2)
     x, y = u * scale, v * scale
-    for _ in range(40):
+    for _ in range(15):
         r2 = x * x + y * y
         radial, slope = 1 + r2 * (k1 + r2 * k2), 2 * k1 + 4 * k2 * r2
         a = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
@@ -126,7 +128,7 @@ def build(fx, cx, cy, k1, k2, p1, p2, width, height, rounds=ROUNDS):
         "radial": _radial_table(fx, k1, k2, bits),
     }
 
-    u, v = np.meshgrid(np.linspace(0, width - 1, 61), np.linspace(0, height - 1, 53))
+    u, v = np.meshgrid(np.linspace(0, width - 1, 83), np.linspace(0, height - 1, 71))
     u, v = (np.round(grid.ravel() * 512).astype(int) for grid in (u, v))
     x, y, gains = _newton((u / 512 - cx) / fx, (v / 512 - cy) / fx, k1, k2, p1, p2)
     if np.isinf(gains).any():

@@ -45,7 +45,7 @@ def undistort(u, v, k1, k2, p1, p2):
     u, v = np.asarray(u, dtype=float), np.asarray(v, dtype=float)
     x, y = u.copy(), v.copy()
     lost = np.zeros(u.shape, dtype=bool)
-    steps = 16
+    steps = 10
     for step in range(1, steps + 1):
         part = tuple(value * step / steps for value in (k1, k2, p1, p2))
         for _ in range(12 if step == steps else 4):

@@ -46,8 +46,10 @@ def undistort(u, v, settings, width, height, rounds=ROUNDS):
     Error budget at the border of 352 x 288 pixels, in px, where a place gains g (the largest
     derivative of X by d): s rounded and interpolated, 0.003; result rounded, 0.001; |y|^2 cut to
     0.25 px^2, 0.0006 (g - s); y rounded, 0.001 g; tangential products and registers, 0.0007 g;
-    the principal point's rounding, 0.001 (g - 1). The tangential iteration leaves about k^2 times
-    the tangential shift, with k = 6 p g r at the normalised radius r.
+    the principal point's rounding, 0.001 (g - 1). The tangential iteration leaves about k^n times
+    the tangential shift after n rounds, with k = 6 p g r at the normalised radius r. Measured over
+    random lenses: at most 0.007 px for p1, p2 up to 0.001 and g up to 3, or 0.002 and 2; with
+    three rounds up to 0.003 and 3, or 0.009 px for 0.005 and 2.
 
     Parameters
     ----------

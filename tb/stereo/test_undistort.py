@@ -1,9 +1,17 @@
 # amaranth: UnusedElaboratable=no
 import numpy as np
 import pytest
+from amaranth.hdl import Module
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
 
-from hdl.payloads import Centre, Undistorted
+from calibration.reciprocal import reciprocal_table
+from hdl.common.table_memory import TableMemory
+from hdl.payloads import Centre, Spot, Undistorted
+from hdl.preprocessing.centre import Centring
+from hdl.preprocessing.spot_queue import SpotQueue
 from hdl.stereo.undistort import Undistort
+from model.preprocessing.centre import centres
 from model.stereo.undistort import radius_bits, undistort
 from tb.hdlsim import run
 from tb.native_block import NativeBlock, pack
@@ -53,6 +61,67 @@ def test_many_spots(size, seed):
         for name, want in [("end", 0 * u), ("rejected", rejected | ~ok), ("area", area), ("u", u),
                            ("v", v), ("x", x & 0x3FFFF), ("y", y & 0x3FFFF)]:
             np.testing.assert_array_equal(got[name], want, err_msg=name)
+
+
+class SpotsToPlaces(wiring.Component):
+    """Queue, centre and undistortion one behind the other, their tables loaded from outside."""
+
+    def __init__(self, width, height):
+        self.undistort = Undistort(width, height)
+        self.table = TableMemory()
+        ports = {name: member for name, member in [
+            *self.undistort.signature.members.items(), *self.table.signature.members.items()]
+            if member.flow == In and name not in ("i", "a_address", "b_address")}
+        super().__init__({
+            "i": In(stream.Signature(Spot)), "o": Out(stream.Signature(Undistorted)), **ports})
+        self.ports = ports
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.spot_queue = spot_queue = SpotQueue()
+        m.submodules.centre = centre = Centring()
+        m.submodules.undistort = undistort = self.undistort
+        m.submodules.table = table = self.table
+        wiring.connect(m, wiring.flipped(self.i), spot_queue.i)
+        wiring.connect(m, spot_queue.o, centre.i)
+        wiring.connect(m, centre.o, undistort.i)
+        wiring.connect(m, undistort.o, wiring.flipped(self.o))
+        m.d.comb += [
+            spot_queue.counts.ready.eq(1), spot_queue.area_min.eq(1), spot_queue.area_max.eq(255),
+            table.b_address.eq(centre.table_address), centre.table_data.eq(table.b_data)]
+        for name in self.ports:
+            block = undistort if name in undistort.signature.members else table
+            m.d.comb += getattr(block, name).eq(getattr(self, name))
+        return m
+
+
+@pytest.mark.parametrize("seed", [1])
+def test_a_row_of_spots(seed):
+    """64 spots of weight 1 (the slowest) that end on one row of 352 pixels: all are out within
+    1,600 clocks of the first one, and nothing is dropped."""
+    rng = np.random.default_rng(seed)
+    settings, size, _ = lens_settings("barrel")
+    block = NativeBlock(SpotsToPlaces(*size))
+    block.reset()
+    _load(block, settings)
+    block.set(write_enable=1)
+    for address, word in enumerate(reciprocal_table()):
+        block.set(write_address=address, write_data=word)
+        block.stream(np.zeros((0, 3), np.uint32), idle=1)
+    block.set(write_enable=0)
+    spots = {"area": np.full(64, 1), "weight": np.full(64, 1),
+             "sum_u": rng.permutation(size[0])[:64], "sum_v": rng.integers(size[1], size=64)}
+    u, v = centres(spots, reciprocal_table())
+    x, y, ok = undistort(u, v, settings, *size)
+    words = np.vstack([pack(Spot, core=1, **spots), pack(Spot, end=1)])
+    out = block.stream(words, pauses=np.full(65, 4), idle=2000)
+    got = out.fields(Undistorted)
+    assert got["end"].tolist() == [0] * 64 + [1]
+    for name, want in [("u", u), ("v", v), ("x", x & 0x3FFFF), ("y", y & 0x3FFFF),
+                       ("rejected", ~ok)]:
+        np.testing.assert_array_equal(got[name][:64], want, err_msg=name)
+    assert out.clocks[-1] - out.taken[0] <= 1600
+    assert np.diff(out.clocks)[:-1].max() == 22
 
 
 @pytest.mark.parametrize("width,height,rounds,error", [

@@ -9,8 +9,6 @@ from ..payloads import MaskPixel
 
 __all__ = ["Erosion", "ErosionMode"]
 
-_BROKEN = {"mark": {"line_end": 1, "frame_end": 1, "broken": 1}}
-
 
 class ErosionMode(enum.Enum, shape=2):
     """What the erosion does to a component."""
@@ -77,33 +75,37 @@ class Erosion(wiring.Component):
         first_row = Signal(init=1)
         walking = Signal()
         walk = Signal(columns)
+        walk_ends = Signal()  # the walk is at the last column
         owed = Signal()  # a broken beat that waits for the frame before
 
         mark = self.i.p.mark
-        takes, breaks, step = Signal(), Signal(), Signal()
-        at, ahead = Signal(columns), Signal(columns)
+        takes, breaks, step, last = Signal(), Signal(), Signal(), Signal()
+        ahead = Signal(columns)
         m.d.comb += [
             self.i.ready.eq(go & ~(owed & mark.broken)),
             takes.eq(self.i.valid & self.i.ready & ~mark.broken),
             breaks.eq(self.i.valid & self.i.ready & mark.broken),
             step.eq(Mux(walking, go, takes & ~first_row)),
-            at.eq(Mux(walking, walk, column)),
-            ahead.eq(Mux(at == self.width - 1, 0, at + 1)),
+            last.eq(Mux(walking, walk_ends, mark.line_end)),
+            ahead.eq(Mux(last, 0, Mux(walking, walk, column) + 1)),
         ]
-        with m.If(takes):
-            m.d.sync += column.eq(Mux(mark.line_end, 0, column + 1))
-            with m.If(mark.line_end):
-                m.d.sync += first_row.eq(mark.frame_end)
-        with m.If(breaks):
-            m.d.sync += [column.eq(0), first_row.eq(1)]
-        with m.If(walking & go):
-            m.d.sync += [walk.eq(ahead), walking.eq(walk != self.width - 1)]
+        with m.If(breaks | (takes & mark.line_end)):
+            m.d.sync += [column.eq(0), first_row.eq(mark.frame_end)]
+        with m.Elif(takes):
+            m.d.sync += column.eq(column + 1)
+        with m.If(~walking):
+            m.d.sync += [walk.eq(0), walk_ends.eq(0)]
+        with m.Elif(go):
+            m.d.sync += [walk.eq(ahead), walk_ends.eq(ahead == self.width - 1)]
         with m.If(takes & mark.frame_end):
             m.d.sync += walking.eq(1)
+        with m.Elif(go & walk_ends):
+            m.d.sync += walking.eq(0)
 
-        # The memory is read a column ahead, from an address that rests while nothing moves.
+        # The memory is read a column ahead.
         m.d.comb += [
-            read.addr.eq(Mux(step | takes, ahead, at)),
+            read.addr.eq(ahead),
+            read.en.eq(step | takes),
             write.en.eq(takes),
             write.addr.eq(column),
             write.data.lit.eq(self.i.p.lit),
@@ -114,44 +116,46 @@ class Erosion(wiring.Component):
         # The window: of its right and left column only whether all three pixels are lit.
         right, centre, left = Signal(), Signal(), Signal()
         lit, excess = Signal(), Signal(8)
-        line_end, frame_end = Signal(), Signal()  # the centre ends its line, its frame
-        m.d.comb += right.eq(~walking & self.i.p.lit & read.data.lit & read.data.lit_above)
+        held = Signal()  # the centre is a pixel,
+        line_end, frame_end = Signal(), Signal()  # ... and ends its line, its frame
+        ends_here = Signal()
+        m.d.comb += [
+            right.eq(~walking & self.i.p.lit & read.data.lit & read.data.lit_above),
+            ends_here.eq(~walking & ~frame_end),
+        ]
         with m.If(step):
             m.d.sync += [
-                left.eq(centre & (at != 0)),
+                left.eq(centre & ~line_end),
                 centre.eq(right),
                 lit.eq(read.data.lit),
                 excess.eq(read.data.excess),
-                line_end.eq(at == self.width - 1),
-                frame_end.eq(walking & (at == self.width - 1)),
+                held.eq(1),
+                line_end.eq(last),
+                frame_end.eq(walking & last),
             ]
+        with m.Elif(go & (frame_end | (breaks & ends_here))):
+            m.d.sync += [held.eq(0), centre.eq(0), line_end.eq(0), frame_end.eq(0)]
 
         # The centre leaves when the column to its right comes; a line's last pixel with the next
         # line's first, a frame's last one by itself.
-        core, stays, leaves = Signal(), Signal(), Signal()
+        core, stays, broken = Signal(), Signal(), Signal()
         m.d.comb += [
             core.eq(lit & ((self.mode == ErosionMode.OFF) | left & centre & right & ~line_end)),
             stays.eq(Mux(self.mode == ErosionMode.ERODE, core, lit)),
-            leaves.eq(step & ((at != 0) | line_end) | go & frame_end),
+            broken.eq((breaks | owed) & ends_here),
         ]
-        with m.If(go & frame_end & ~step):
-            m.d.sync += [line_end.eq(0), frame_end.eq(0)]
-        with m.If(breaks):
-            with m.If(walking | frame_end):
-                m.d.sync += owed.eq(1)
-            with m.Else():
-                m.d.sync += line_end.eq(0)
         with m.If(go):
             m.d.sync += [
-                self.o.valid.eq(leaves),
-                self.o.p.lit.eq(stays),
-                self.o.p.core.eq(core),
-                self.o.p.excess.eq(Mux(stays, excess, 0)),
-                self.o.p.mark.line_end.eq(line_end),
-                self.o.p.mark.frame_end.eq(frame_end),
-                self.o.p.mark.broken.eq(0),
+                owed.eq((breaks | owed) & ~ends_here),
+                self.o.valid.eq((step & held) | frame_end | broken),
+                self.o.p.lit.eq(stays & ~broken),
+                self.o.p.core.eq(core & ~broken),
+                self.o.p.excess.eq(excess),
+                self.o.p.mark.line_end.eq(line_end | broken),
+                self.o.p.mark.frame_end.eq(frame_end | broken),
+                self.o.p.mark.broken.eq(broken),
             ]
-            with m.If(breaks & ~walking & ~frame_end | owed & ~walking & ~frame_end):
-                m.d.sync += [owed.eq(0), self.o.valid.eq(1), self.o.p.eq(MaskPixel.const(_BROKEN))]
+            with m.If(~stays | broken):
+                m.d.sync += self.o.p.excess.eq(0)
 
         return m

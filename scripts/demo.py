@@ -20,8 +20,8 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "out" / "demo"
 #: Fewer beams found than this, and something is broken.
 LEAST_FOUND = 0.9
-_MAKERS = ("calibration", "model/optics", "model/settings.py", "scripts/simulate.py",
-           "scripts/calibrate.py", "scripts/demo.py")
+_MAKERS = ("calibration", "model", "scripts/simulate.py", "scripts/calibrate.py",
+           "scripts/demo.py")
 
 _LEFT = (
     ("result/point_cloud.png", "the point cloud, from several sides"),

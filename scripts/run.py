@@ -47,8 +47,9 @@ def add_arguments(parser):
         help="folder to create; it must not hold anything yet")
 
 
-def _notes(image, frame, listed):
+def _notes(image, frame, points):
     """All that is not as it should be with a frame, in words."""
+    from scripts.points import STATUS
     from scripts.summary import many
     notes = []
     if frame.broken:
@@ -66,9 +67,13 @@ def _notes(image, frame, listed):
     if frame.bad_sync or frame.overrun:
         notes.append(f"camera: {many(frame.bad_sync, 'bad sync')}, "
                      f"{many(frame.overrun, 'overrun')} so far")
-    unlisted = frame.rejected - listed
+    unlisted = frame.rejected - int((points["status"] == STATUS.index("rejected")).sum())
     if unlisted > 0:
         notes.append(f"{many(unlisted, 'rejected spot')} without a row")
+    beams = points["beam"][points["beam"] >= 0].tolist()
+    twice = sorted({beam for beam in beams if beams.count(beam) > 1})
+    if twice:
+        notes.append(f"more than one spot for beam {' '.join(map(str, twice))}")
     if not image.any():
         notes.append("all black")
     elif image.min() == 255:
@@ -99,7 +104,7 @@ def measure(entries, calibration, engine, independent=False):
     (2-D ``uint8`` array, :class:`scripts.points.Shown`)
     """
     from calibration.capture import read_image
-    from scripts.points import STATUS, Shown, locate
+    from scripts.points import Shown, locate
 
     size = (calibration.width, calibration.height)
     waiting = deque()
@@ -113,11 +118,10 @@ def measure(entries, calibration, engine, independent=False):
         entry, image = waiting.popleft()
         grey = image if entry.texture is None else read_image(entry.texture, *size)
         points = locate(frame.points, entry.index, calibration, grey)
-        listed = int((points["status"] == STATUS.index("rejected")).sum())
         yield image, Shown(
             index=entry.index, path=entry.path, texture=entry.texture, level=frame.level,
             spots=frame.spots, rejected=frame.rejected, dropped=frame.dropped, points=points,
-            notes=_notes(image, frame, listed))
+            notes=_notes(image, frame, points))
     if waiting:
         raise RuntimeError(f"the engine gave no answer to {len(waiting)} frames")
 

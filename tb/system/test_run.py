@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
-from scripts import accuracy, cli, demo, engine, frames, outputs
+from scripts import accuracy, cli, demo, engine, frames, outputs, run
+from scripts.decoder import Frame
 from scripts.points import POINT, STATUS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -183,6 +184,23 @@ def test_frames_without_spots_run(grey, note, prepared, tmp_path):
     assert not [row for row in table(tmp_path / "out") if row["status"] == "ok"]
     assert "element vertex 0" in (tmp_path / "out" / "points.ply").read_text()
     assert (tmp_path / "out" / "point_cloud.png").exists()
+
+
+@pytest.mark.parametrize("fields, beams, words", [
+    ({}, [1, 2], ()), ({}, [3, 1, 3, 0, 0], ("more than one spot for beam 0 3",)),
+    ({"learning": True, "spots": 0}, [], ("learning: no threshold yet", "no spot")),
+    ({"broken": True, "skipped": 2}, [1],
+     ("broken: synchronism lost", "2 frames lost before it")),
+    ({"spots": 5, "dropped": 3, "ok": 1, "rejected": 1}, [1],
+     ("3 spots dropped, no room", "1 rejected spot without a row")),
+    ({"lost": 1}, [1], ("1 packet lost on the link",)),
+    ({"spots": 7}, [1], ("its counts do not add up",)),
+    ({"bad_sync": 1, "overrun": 2}, [1], ("camera: 1 bad sync, 2 overruns so far",))])
+def test_nothing_is_silent(fields, beams, words):
+    points = np.zeros(len(beams), POINT)
+    points["beam"] = beams
+    frame = Frame(0, **{"spots": len(beams), "ok": len(beams), **fields})
+    assert run._notes(np.full((2, 2), 9, np.uint8), frame, points) == words
 
 
 def test_more_spots_than_any_queue_holds(prepared, tmp_path):

@@ -56,6 +56,7 @@ _REGISTERS = {
     "tangential_2": signed(18),
     "divisor": 16,
 }
+_PIXEL_SIDE = ("erosion_mode", "weighted")
 
 
 class Capsule(wiring.Component):
@@ -87,8 +88,8 @@ class Capsule(wiring.Component):
         The spot side needs its clock.
     threshold_fixed, threshold_level, alpha, erosion_mode, weighted, area_min, area_max, \
     report_rejected, principal_u, principal_v, tangential_1, tangential_2, divisor
-        Registers; they may change only between frames, and are heard a clock later. See
-        ``hdl/README.md``.
+        Registers; they may change only between frames, and are heard with the next frame's first
+        pixel. See ``hdl/README.md``.
     table_enable, table_select, table_address, table_data
         Writes a word of a table in each clock that ``table_enable`` is high, between frames.
     """
@@ -121,8 +122,11 @@ class Capsule(wiring.Component):
             m.domains.spot = ClockDomain(local=True)
             m.d.comb += [
                 ClockSignal("spot").eq(ClockSignal()), ResetSignal("spot").eq(ResetSignal())]
-        register = {name: Signal(shape, name=name) for name, shape in _REGISTERS.items()}
-        m.d.sync += [signal.eq(getattr(self, name)) for name, signal in register.items()]
+        register = {}
+        for name, shape in _REGISTERS.items():
+            register[name] = Signal(shape, name=name)
+            domain = "sync" if name in _PIXEL_SIDE else "spot"
+            m.d[domain] += register[name].eq(getattr(self, name))
 
         # Acquisition.
         m.submodules.camera = camera = Camera(**size)
@@ -219,9 +223,8 @@ class Capsule(wiring.Component):
         connect(m, spot_queue.counts, packet.counts)
         connect(m, frame_info.r_stream, packet.info)
         connect(m, packet.o, uart_tx.i)
+        m.d.spot += [packet.bad_sync.eq(camera.bad_sync), packet.overrun.eq(camera.overrun)]
         m.d.comb += [
-            packet.bad_sync.eq(camera.bad_sync),
-            packet.overrun.eq(camera.overrun),
             uart_tx.divisor.eq(register["divisor"]),
             self.tx.eq(uart_tx.tx),
         ]
@@ -233,7 +236,7 @@ class Capsule(wiring.Component):
             m.d.sync += learning.eq(histogram.closed)
         m.d.comb += [
             moves.eq(Cat(
-                self.table_enable, histogram.closed, learning, histogram.done, histogram.lost,
+                self.table_enable, gate.info.valid, histogram.closed, learning, histogram.done, histogram.lost,
                 labelling.o.valid, spot_queue.o.valid, centre.o.valid, undistort.o.valid,
                 epipolar.o.valid, depth.o.valid, point_fifo.o.valid, packet.o.valid,
                 ~uart_tx.i.ready).any()),

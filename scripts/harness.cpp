@@ -19,13 +19,10 @@ struct Harness {
     std::vector<uint8_t> octets;
 
     void clock() {
-        top.clk = 1;
-        top.pixel_clk = 1;
-        top.spot_clk = top.busy;
-        top.eval();
-        top.clk = 0;
-        top.pixel_clk = 0;
-        top.spot_clk = 0;
+        // Every change of a clock is a rising edge here, see engine.py.
+        top.clk ^= 1;
+        top.pixel_clk ^= 1;
+        top.spot_clk ^= top.busy;
         top.eval();
         ++clocks;
         if (bit < 0) {

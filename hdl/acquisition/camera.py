@@ -42,7 +42,8 @@ class Camera(wiring.Component):
     frame_valid, line_valid, data : :py:`In(1)`, :py:`In(1)`, :py:`In(8)`
         The imager's pins, sampled at the rising edge of the domain ``pixel``.
     o : :py:`Out(stream.Signature(GreyPixel))`
-        Pixels. The ``grey`` of a ``broken`` beat tells why: bit 0 bad sync, bit 1 overrun.
+        Pixels. The ``grey`` of a ``broken`` beat tells why: bit 0 bad sync, bit 1 overrun; its
+        other bits mean nothing.
     bad_sync, overrun : :py:`Out(8)`
         How often, since reset; they stop at 255.
     """
@@ -91,33 +92,37 @@ class Camera(wiring.Component):
         # the queue has room again, and the frames until then are lost too.
         waiting = Signal()
         out_of_sync, overrun = Signal(), Signal()
+        breaks = Signal()
         word = Signal(GreyPixel)
         m.d.comb += [
             out_of_sync.eq(over & ~begins & frame & line
                            | inside & (~frame | (line_before & ~line & (column != 0)))),
             overrun.eq(takes & (waiting | ~queue.w_rdy) | out_of_sync & ~queue.w_rdy),
+            breaks.eq(out_of_sync | waiting),
             word.grey.eq(grey),
-            word.mark.line_end.eq(line_end),
-            word.mark.frame_end.eq(frame_end),
+            word.mark.line_end.eq(line_end | breaks),
+            word.mark.frame_end.eq(frame_end | breaks),
+            word.mark.broken.eq(breaks),
             queue.w_data.eq(word),
-            queue.w_en.eq(takes | out_of_sync | waiting),
+            queue.w_en.eq(takes | breaks),
         ]
-        with m.If(out_of_sync | waiting):
-            m.d.comb += [
-                word.grey.eq(Mux(waiting, _OVERRUN, _BAD_SYNC)),
-                word.mark.as_value().eq(-1),
-            ]
+        with m.If(breaks):
+            m.d.comb += word.grey[:2].eq(Mux(waiting, _OVERRUN, _BAD_SYNC))
 
         with m.If(begins):
             m.d.pixel += [inside.eq(1), over.eq(0)]
-        with m.If(takes):
-            m.d.pixel += column.eq(Mux(line_end, 0, column + 1))
-            with m.If(line_end):
-                m.d.pixel += row.eq(row + 1)
-            with m.If(frame_end):
-                m.d.pixel += [inside.eq(0), over.eq(1), row.eq(0)]
+        with m.If(takes & frame_end):
+            m.d.pixel += [inside.eq(0), over.eq(1)]
         with m.If(out_of_sync | overrun):
-            m.d.pixel += [inside.eq(0), over.eq(0), column.eq(0), row.eq(0)]
+            m.d.pixel += [inside.eq(0), over.eq(0)]
+        with m.If(out_of_sync | overrun | (takes & line_end)):
+            m.d.pixel += column.eq(0)
+        with m.Elif(takes):
+            m.d.pixel += column.eq(column + 1)
+        with m.If(out_of_sync | overrun | (takes & frame_end)):
+            m.d.pixel += row.eq(0)
+        with m.Elif(takes & line_end):
+            m.d.pixel += row.eq(row + 1)
         with m.If(overrun):
             m.d.pixel += waiting.eq(1)
         with m.Elif(queue.w_rdy):

@@ -20,7 +20,7 @@ __all__ = ["cocotb_speed", "show"]
 _TIMING = ("--timing", "-CFLAGS", "-std=c++20")
 
 
-def show(request, config, settings, images, divisor=1, **sensor):
+def show(request, config, settings, images, divisor=1, gated=True, **sensor):
     """Show frames to the RTL under cocotb.
 
     Parameters
@@ -35,6 +35,8 @@ def show(request, config, settings, images, divisor=1, **sensor):
         Frames.
     divisor : :class:`int`
         Clocks per bit of the serial line.
+    gated : :class:`bool`
+        Stop the spot side's clock while it is not busy, which is faster.
     sensor : :class:`int`
         Registers of the sensor in ``rig.v``: blanking, faults.
 
@@ -44,7 +46,7 @@ def show(request, config, settings, images, divisor=1, **sensor):
     """
     texts = {
         "rig.v": (Path(__file__).parent / "rig.v").read_text(),
-        "capsule.v": to_fast_verilog(Capsule(config), "capsule")}
+        "capsule.v": to_fast_verilog(Capsule(config, gated), "capsule")}
     for name, value in (("WIDTH", config.width), ("HEIGHT", config.height),
                         ("FRAMES", len(images))):
         head, _, rest = texts["rig.v"].partition(f"parameter {name} = ")
@@ -57,7 +59,7 @@ def show(request, config, settings, images, divisor=1, **sensor):
         case.write_bytes(pickle.dumps({
             "settings": settings, "frames": len(images), "divisor": divisor, "sensor": sensor}))
         hdlsim.run(
-            request, "rig", "tb.system.tb_frames", verilog=texts, build_args=_TIMING,
+            request, "rig", "tb.system.tb_frames", verilog=texts, build_args=[*_TIMING, *(["-DGATED"] if gated else [])],
             plusargs=[f"+pixels={pixels}"],
             parameters={"case": str(case), "answer": str(answer)})
         return pickle.loads(answer.read_bytes())

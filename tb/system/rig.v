@@ -8,10 +8,18 @@ module rig #(
     parameter FRAMES = 32
 );
 
-    // The same clock for pixels and system: one pixel a clock.
+    // The same clock for pixels and system: one pixel a clock. With GATED, the spot side's stands
+    // still while it is not busy.
     reg clk = 0;
+    reg spot_clk = 0;
     reg rst = 1;
-    always #5 clk = ~clk;
+    wire busy;
+    always begin
+        #5 clk = 1;
+        spot_clk = busy;
+        #5 clk = 0;
+        spot_clk = 0;
+    end
 
     // Sensor. `frames` frames are shown from `first` on once `start` rises; then `done` is high.
     // In frame `faulty`, line `fault_row` has `fault_extra` pixels too many, or too few if
@@ -111,7 +119,10 @@ module rig #(
     wire tx;
 
     capsule capsule (
-        .clk(clk), .rst(rst), .pixel_clk(clk), .pixel_rst(rst),
+        .clk(clk), .rst(rst), .pixel_clk(clk), .pixel_rst(rst), .busy(busy),
+`ifdef GATED
+        .spot_clk(spot_clk), .spot_rst(rst),
+`endif
         .frame_valid(frame_valid), .line_valid(line_valid), .data(data), .tx(tx),
         .threshold_fixed(threshold_fixed), .threshold_level(threshold_level), .alpha(alpha),
         .erosion_mode(erosion_mode), .weighted(weighted), .area_min(area_min),

@@ -14,7 +14,7 @@ def words(rng, count):
     return [rng.getrandbits(72) for _ in range(count)]
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.5, 0.95], stall=[0.0, 0.5, 0.95])
 async def keeps_order(dut, gap, stall):
     bench = Bench(dut, gap=gap, stall=stall, seed=SEED)
@@ -27,7 +27,7 @@ async def keeps_order(dut, gap, stall):
     await sending
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def fills_and_empties(dut):
     """While nothing is taken, all places fill; then a point leaves in each clock."""
     bench = Bench(dut, stall=1.0, seed=SEED)
@@ -44,7 +44,7 @@ async def fills_and_empties(dut):
     assert not bench.o.words
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def latency_is_two_clocks(dut):
     bench = Bench(dut, seed=SEED)
     await bench.reset()
@@ -55,7 +55,7 @@ async def latency_is_two_clocks(dut):
         [2] * 5)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def reset_empties(dut):
     bench = Bench(dut, stall=1.0, seed=SEED)
     await bench.reset()

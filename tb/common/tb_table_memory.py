@@ -11,7 +11,7 @@ SEED = parameters()["seed"]
 PORTS = ("a_address", "b_address", "write_enable", "write_address", "write_data")
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def reads_what_was_written(dut):
     """Random traffic on all ports; first of all, every word reads as zero."""
     Bench(dut, inputs=(), outputs=(), plain=dict.fromkeys(PORTS, 0))

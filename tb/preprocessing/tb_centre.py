@@ -75,7 +75,7 @@ class Rig(Bench):
         await sending
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.9], stall=[0.0, 0.9])
 async def spots_match_the_model(dut, gap, stall):
     bench = Rig(dut, gap, stall)
@@ -86,7 +86,7 @@ async def spots_match_the_model(dut, gap, stall):
     await bench.compare(spots)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def takes_its_time(dut):
     """Clocks from word to word by the weight, and from taking to showing."""
     bench = Rig(dut)
@@ -102,7 +102,7 @@ async def takes_its_time(dut):
         bench.o.words, bench.i.taken, strict=True)] == [1] * (len(spots) + 1)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def reset_forgets(dut):
     """Reset at every clock of a spot's way; the next spots are exact."""
     bench = Rig(dut)

@@ -68,7 +68,7 @@ class Rig(Bench):
         assert await self.counts.receive(1) == [counts_word(counts, broken=broken)]
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.6], stall=[0.0, 0.6], report_rejected=[False, True])
 async def frames_that_fit(dut, gap, stall, report_rejected):
     """Frames of less than half the places, the next one as soon as the last one has gone."""
@@ -79,7 +79,7 @@ async def frames_that_fit(dut, gap, stall, report_rejected):
         await bench.exact([spot(bench.random) for _ in range(count)], broken=number % 5 == 3)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def area_limits(dut):
     """Every area, with and without core, on both sides of both limits."""
     for area_min, area_max in [(1, 255), (3, 40), (255, 255), (200, 100)]:
@@ -91,7 +91,7 @@ async def area_limits(dut):
         await bench.reset(1)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def a_word_a_clock(dut):
     """All unreserved places fill in as many clocks; then a spot leaves in each clock."""
     bench = Rig(dut)
@@ -102,7 +102,7 @@ async def a_word_a_clock(dut):
     await bench.exact(spots[:1])
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def latency_is_two_clocks(dut):
     bench = Rig(dut)
     await bench.reset()
@@ -113,7 +113,7 @@ async def latency_is_two_clocks(dut):
         [2] * 4)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(report_rejected=[False, True], gap=[0.0, 0.5])
 async def overflow_while_stalled(dut, report_rejected, gap):
     """Nothing is taken: a reckoning of the places says what is kept, clock by clock."""
@@ -148,7 +148,7 @@ async def overflow_while_stalled(dut, report_rejected, gap):
     await bench.exact([spot(bench.random) for _ in range(DEPTH // 2 - 2)])
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.7], stall=[0.9, 0.97], report_rejected=[False, True])
 async def lossy_frames_balance(dut, gap, stall, report_rejected):
     """Under load: spots come out whole and in order, counters balance, the next frame is exact."""
@@ -174,7 +174,7 @@ async def lossy_frames_balance(dut, gap, stall, report_rejected):
         bench.o.stall = stall
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def end_marks_find_room(dut):
     """Four end marks fit behind a full queue, and each keeps its own counts."""
     bench = Rig(dut)
@@ -195,7 +195,7 @@ async def end_marks_find_room(dut):
                    for number, (spots, lost) in enumerate(zip(frames, dropped, strict=True))]
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def counts_come_first(dut):
     """Counts are valid when the end mark is; the next end mark waits until they are taken."""
     bench = Rig(dut)
@@ -215,7 +215,7 @@ async def counts_come_first(dut):
     assert [each & END for _, each in bench.o.words] == [0, 1, 0, 1]
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def reset_empties(dut):
     bench = Rig(dut)
     await bench.reset()

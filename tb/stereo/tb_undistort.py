@@ -72,7 +72,7 @@ class Rig(Bench):
         await sending
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.9], stall=[0.0, 0.9])
 async def spots_match_the_model(dut, gap, stall):
     bench = Rig(dut, gap, stall)
@@ -87,7 +87,7 @@ async def spots_match_the_model(dut, gap, stall):
     await bench.compare(spots)
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def takes_its_time(dut):
     bench = Rig(dut)
     await bench.reset()
@@ -105,7 +105,7 @@ async def takes_its_time(dut):
     assert bench.i.taken[0] - start - 2 == LATENCY
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def settings_change_between_frames(dut):
     """Other registers and tables for each frame, such as no lens would ask for."""
     bench = Rig(dut)
@@ -116,7 +116,7 @@ async def settings_change_between_frames(dut):
         await bench.compare([random_spot(rng, 0.5) for _ in range(40)] + [END])
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def reset_forgets(dut):
     """Reset at every clock of a spot's way; the table stays and the next spots are exact."""
     bench = Rig(dut)

@@ -1,14 +1,25 @@
 """The whole capsule: camera pins in, serial pin out."""
 
 from amaranth.hdl import (
-    C, Cat, ClockDomain, ClockSignal, DomainRenamer, Module, ResetSignal, Shape, Signal, signed)
-from amaranth.lib import enum, stream, wiring
+    C,
+    Cat,
+    ClockDomain,
+    ClockSignal,
+    DomainRenamer,
+    Module,
+    ResetSignal,
+    Shape,
+    Signal,
+    signed,
+)
+from amaranth.lib import enum, wiring
 from amaranth.lib.fifo import SyncFIFO
 from amaranth.lib.wiring import In, Out, connect
 
 from .acquisition.camera import Camera
 from .acquisition.frame_gate import FrameGate
 from .common.point_fifo import PointFIFO
+from .common.stage import Stage
 from .common.table_memory import TableMemory
 from .config import Config
 from .link.packet import Packet
@@ -180,11 +191,13 @@ class Capsule(wiring.Component):
 
         # Stereo.
         m.submodules.undistort = undistort = spot_side(Undistort(**size))
+        m.submodules.stage = stage = spot_side(Stage())
         m.submodules.epipolar = epipolar = spot_side(Epipolar(config.beams, config.lanes))
         m.submodules.depth = depth = spot_side(Depth())
         m.submodules.point_fifo = point_fifo = spot_side(PointFIFO())
         connect(m, centre.o, undistort.i)
-        connect(m, undistort.o, epipolar.i)
+        connect(m, undistort.o, stage.i)
+        connect(m, stage.o, epipolar.i)
         connect(m, epipolar.o, depth.i)
         connect(m, depth.o, point_fifo.i)
         m.d.comb += [
@@ -238,7 +251,7 @@ class Capsule(wiring.Component):
             moves.eq(Cat(
                 self.table_enable, gate.info.valid, histogram.closed, learning, histogram.done, histogram.lost,
                 labelling.o.valid, spot_queue.o.valid, centre.o.valid, undistort.o.valid,
-                epipolar.o.valid, depth.o.valid, point_fifo.o.valid, packet.o.valid,
+                stage.o.valid, epipolar.o.valid, depth.o.valid, point_fifo.o.valid, packet.o.valid,
                 ~uart_tx.i.ready).any()),
             self.busy.eq(moves | linger.any()),
         ]

@@ -1,6 +1,6 @@
 """``make bench``: speed, accuracy, latency and size, each measured now.
 
-``python -m scripts.bench speed|accuracy|latency|arithmetic|size`` prints one part.
+``python -m scripts.bench speed|accuracy|latency|size`` prints one part.
 """
 
 import sys
@@ -55,6 +55,7 @@ def speed(console):
     cv2.setNumThreads(1)
     from hdl.config import PRESETS
     from scripts.engine import ModelEngine, RTLEngine
+    from tb.system.frames import cocotb_speed
     from tb.system.stimuli import any_settings, spot_frame
 
     config = PRESETS["capsule"]
@@ -74,9 +75,7 @@ def speed(console):
         "OpenCV, the same work": _rate(
             lambda some: [opencv_points(f, 60, camera, np.zeros(4)) for f in some], frames),
     }
-    cocotb_rate, cocotb_clocks = _cocotb_rate()
-    if cocotb_rate:
-        rates["RTL, cocotb bench"] = cocotb_rate
+    rates["RTL, cocotb bench"], cocotb_clocks = cocotb_speed()
     table = _table(f"Speed, {config.width} x {config.height}, one core",
                    "", "frames/s", "clocks/s", "of video rate (25)", "of OpenCV")
     for name, rate in rates.items():
@@ -86,25 +85,34 @@ def speed(console):
     console.print(table)
 
 
-def _cocotb_rate():
-    from tb.system.frames import cocotb_speed
-    return cocotb_speed()
-
-
 def accuracy(console):
-    """Depth errors of simulated rigs, calibrated from their own captures."""
-    from scripts.figures import depth_figures
-    for table in depth_figures(_SEEDS, console):
-        console.print(table)
+    """Depth errors of simulated rigs, each calibrated from its own capture."""
+    from rich.progress import track
+
+    from scripts.figures import CASES, measure
+    table = _table("Depth, seeds 1 to 5, golden model (its points are the RTL's)", "rig", "scenes",
+                   "centre, erosion", "mean error", "limit", "found", "wrong", "ok points")
+    for case in track(CASES, "accuracy", console=Console(stderr=True), transient=True):
+        error, expected, found = measure(case, _SEEDS)
+        table.add_row(
+            case.rig, ", ".join(case.kinds) + (", split spots" if case.split else ""),
+            f"{case.centre}, {case.erosion}", f"{100 * error.mean():.3f} %",
+            f"{100 * case.limit:.2f} %" if case.limit else "",
+            f"{100 * found / expected:.2f} %", f"{100 * np.mean(error > 0.05):.3f} %",
+            str(len(error)))
+    console.print(table)
 
 
 def latency(console):
-    """Clocks from a frame's last pixel to its last point in the Point FIFO."""
-    from tb.system.frames import last_point_latency
-    table = _table("Last pixel to last point, 64 spots that end on the last row, CIF",
-                   "lanes", "clocks", "limit")
-    for lanes in (2, 8):
-        table.add_row(str(lanes), str(last_point_latency(lanes)), str(3 * 352 + 1000))
+    """Clocks from a frame's last pixel to its last point, at the Point FIFO."""
+    from hdl.config import PRESETS
+    from tb.system.chain import last_point_latency
+    config = PRESETS["capsule"]
+    table = _table("From a frame's last pixel to its last point; 64 spots end on the last row",
+                   "lanes", "clocks", "limit (3 rows + 1000)", "points")
+    for lanes in (config.lanes, 8):
+        clocks, points = last_point_latency(replace(config, lanes=lanes))
+        table.add_row(str(lanes), f"{clocks:,}", f"{3 * config.width + 1000:,}", str(points))
     console.print(table)
 
 

@@ -77,7 +77,7 @@ BLOCKS = tuple(Block(name, unit) for unit, names in {
     "preprocessing": "histogram threshold binarise erosion labelling spot_queue centre",
     "stereo": "undistort epipolar depth",
     "link": "packet uart_tx",
-    "common": "table_memory point_fifo",
+    "common": "table_memory stage point_fifo",
 }.items() for name in names.split())
 #: The whole design.
 TOP = Block("capsule", "")

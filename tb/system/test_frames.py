@@ -1,23 +1,16 @@
 """RTL against golden model on whole frames, identical down to the last bit."""
 
-import pickle
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import product
 
-import cv2
 import numpy as np
 import pytest
 
-from hdl.capsule import Capsule
 from hdl.config import Config
-from hdl.export import to_fast_verilog
 from model.capsule import Capsule as Model
 from model.link.packet import encode
 from scripts.decoder import Decoder
 from scripts.engine import RTLEngine
-from tb import hdlsim
 from tb.system import endoscope
 from tb.system.stimuli import any_settings, directed_frames, random_frame, spot_frame
 

@@ -97,9 +97,13 @@ async def a_word_a_clock(dut):
     bench = Rig(dut)
     await bench.reset()
     spots = [spot(bench.random, 10, True) for _ in range(DEPTH - 4)]
-    await bench.exact(spots)
+    await bench.frame(spots)
     assert bench.i.taken[-1] - bench.i.taken[0] == DEPTH - 4
-    await bench.exact(spots[:1])
+    await ClockCycles(dut.clk, DEPTH + 5)
+    clocks, got = zip(*bench.o.words, strict=True)
+    assert list(got) == [*kept(spots, bench.settings)[0], END]
+    # The end mark waits a clock for its counts.
+    assert np.diff(clocks).tolist() == [1] * (DEPTH - 5) + [2]
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")

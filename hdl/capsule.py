@@ -249,8 +249,9 @@ class Capsule(wiring.Component):
             m.d.sync += learning.eq(histogram.closed)
         m.d.comb += [
             moves.eq(Cat(
-                self.table_enable, gate.info.valid, histogram.closed, learning, histogram.done, histogram.lost,
-                labelling.o.valid, spot_queue.o.valid, centre.o.valid, undistort.o.valid,
+                self.table_enable, gate.info.valid, histogram.closed, learning, histogram.done,
+                histogram.lost, labelling.o.valid, spot_queue.o.valid, centre.o.valid,
+                undistort.o.valid,
                 stage.o.valid, epipolar.o.valid, depth.o.valid, point_fifo.o.valid, packet.o.valid,
                 ~uart_tx.i.ready).any()),
             self.busy.eq(moves | linger.any()),

@@ -59,7 +59,8 @@ def show(request, config, settings, images, divisor=1, gated=True, **sensor):
         case.write_bytes(pickle.dumps({
             "settings": settings, "frames": len(images), "divisor": divisor, "sensor": sensor}))
         hdlsim.run(
-            request, "rig", "tb.system.tb_frames", verilog=texts, build_args=[*_TIMING, *(["-DGATED"] if gated else [])],
+            request, "rig", "tb.system.tb_frames", verilog=texts,
+            build_args=[*_TIMING, "-DGATED"] if gated else _TIMING,
             plusargs=[f"+pixels={pixels}"],
             parameters={"case": str(case), "answer": str(answer)})
         return pickle.loads(answer.read_bytes())

@@ -134,7 +134,7 @@ class Erosion(wiring.Component):
                 frame_end.eq(walking & last),
             ]
         with m.Elif(go & (frame_end | (breaks & ends_here))):
-            m.d.sync += [held.eq(0), centre.eq(0), line_end.eq(0), frame_end.eq(0)]
+            m.d.sync += [held.eq(0), line_end.eq(0), frame_end.eq(0)]
 
         # The centre leaves when the column to its right comes; a line's last pixel with the next
         # line's first, a frame's last one by itself.

@@ -77,7 +77,7 @@ def random_image(rng):
     return rng.integers(0, 256, (HEIGHT, WIDTH))
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 @cocotb.parametrize(pixel_ps=[10_000, 9_980, 10_020, 7_300, 13_700, 41_000], blanking=[0, 12])
 async def good_frames(dut, pixel_ps, blanking):
     """Slower, nearly equal and faster imagers; the fast one must pause for the slow system."""
@@ -91,7 +91,7 @@ async def good_frames(dut, pixel_ps, blanking):
     await bench.check()
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def no_blanking_at_all(dut):
     """One clock without frame_valid between frames and none between lines, at the same clock."""
     rng = np.random.default_rng(parameters()["seed"])
@@ -105,7 +105,7 @@ async def no_blanking_at_all(dut):
     assert clocks.max() <= 2, "the stream stood still although a pixel came every clock"
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 @cocotb.parametrize(pixel_ps=[10_000, 8_900, 23_000], stall=[0.0, 0.1])
 async def faults(dut, pixel_ps, stall):
     """Every fault, then a good frame, then faults in a random order."""
@@ -121,7 +121,7 @@ async def faults(dut, pixel_ps, stall):
     await bench.check()
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def random_pins(dut):
     """Pins that make no sense, then a good frame."""
     rng = np.random.default_rng(parameters()["seed"])
@@ -137,7 +137,7 @@ async def random_pins(dut):
     await bench.check()
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def wakes_within_a_frame(dut):
     """Out of reset while the imager is in the middle of a frame: that frame does not exist."""
     rng = np.random.default_rng(parameters()["seed"])
@@ -150,7 +150,7 @@ async def wakes_within_a_frame(dut):
     await bench.check()
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 @cocotb.parametrize(pixel_ps=[10_000, 9_000, 26_000])
 @cocotb.parametrize(hold=[30, 200, 900])
 async def overrun(dut, pixel_ps, hold):
@@ -196,7 +196,65 @@ async def overrun(dut, pixel_ps, hold):
     assert dut.bad_sync.value.to_unsigned() == 0
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
+async def overrun_ends_as_a_frame_begins(dut):
+    """The queue has room again in every clock around a frame's first pixel."""
+    rng = np.random.default_rng(parameters()["seed"])
+    bench = CameraBench(dut, 10_000)
+    await bench.begin()
+    number = 0
+    for offset in range(-10, 6):
+        images = []
+        for _ in range(4):
+            images.append(np.concatenate([[number], random_image(rng).ravel()[1:]]))
+            number += 1
+        for place, image in enumerate(images):
+            samples = [(0, 0, 0)] * 20 + [(1, 1, int(value)) for value in image]
+            bench.o.stall = 1.0 if place == 1 else bench.o.stall
+            at = 20 + offset if place == 2 else 0
+            await bench.show(samples[:at])
+            bench.o.stall = 0.0 if place != 1 else 1.0
+            await bench.show(samples[at:])
+        grey, mark = await bench.settle()
+        bench.o.words.clear()
+        ends = np.flatnonzero(mark & FRAME_END) + 1
+        frames = {}
+        for pixels, marks in zip(np.split(grey, ends[:-1]), np.split(mark, ends[:-1]),
+                                 strict=True):
+            if not marks[-1] & BROKEN:
+                frames[int(pixels[0])] = pixels
+        first = number - 4
+        assert first in frames and first + 1 not in frames and first + 3 in frames
+        for name, pixels in frames.items():
+            assert np.array_equal(pixels, images[name - first]), f"offset {offset}"
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
+async def torn_while_the_queue_is_full(dut):
+    """A frame ends early when it has just filled the queue: its end is told all the same."""
+    rng = np.random.default_rng(parameters()["seed"])
+    bench = CameraBench(dut, 10_000)
+    await bench.begin()
+    for pixels in range(13, 22):
+        images = [random_image(rng), random_image(rng)]
+        await bench.show([(0, 0, 0)] * 30)
+        bench.o.stall = 1.0
+        await bench.show([(1, 1, int(value)) for value in images[0].ravel()[:pixels]])
+        await bench.show([(0, 0, 0)] * 12)
+        bench.o.stall = 0.0
+        await bench.show([(0, 0, 0)] * 30)
+        await bench.show([(1, 1, int(value)) for value in images[1].ravel()])
+        grey, mark = await bench.settle()
+        bench.o.words.clear()
+        lost = len(grey) - WIDTH * HEIGHT - 1
+        assert np.array_equal(grey[:lost], images[0].ravel()[:lost])
+        assert not mark[:lost].any() and mark[lost] & BROKEN
+        assert np.array_equal(grey[lost + 1:], images[1].ravel()), f"after {pixels} pixels"
+    counted = dut.bad_sync.value.to_unsigned() + dut.overrun.value.to_unsigned()
+    assert counted == 9 and dut.bad_sync.value and dut.overrun.value
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def counters_stop_at_255(dut):
     rng = np.random.default_rng(parameters()["seed"])
     bench = CameraBench(dut, 10_000)

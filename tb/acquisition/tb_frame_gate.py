@@ -41,7 +41,7 @@ def info_words(taken):
                                       dtype=np.uint32).reshape(-1, 2))
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.4], stall=[0.0, 0.4])
 async def whole_frames_or_none(dut, gap, stall):
     """Frames whole, broken, and broken before they began; room for the announcement or not."""
@@ -84,7 +84,7 @@ async def whole_frames_or_none(dut, gap, stall):
             for entry in fields] == announced
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def a_pixel_a_clock(dut):
     """Nothing waits, passing or not; a whole frame costs as many clocks as it has pixels."""
     rng = np.random.default_rng(parameters()["seed"])
@@ -103,7 +103,7 @@ async def a_pixel_a_clock(dut):
     assert bench.i.taken[-1] - bench.i.taken[first] == len(words) - 1
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def skipped_stops_at_255(dut):
     bench = Bench(dut, plain={"level": 9, "learnt": 1, "info_ready": 0})
     reader = Reader(bench)

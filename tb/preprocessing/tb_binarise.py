@@ -19,7 +19,7 @@ def expected(image, level, enable):
     return words_of(mask_words(lit, lit, np.where(lit, excess, 0)))
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.4], stall=[0.0, 0.4], level=[0, 1, 77, 128, 254, 255])
 async def pixels_match_model(dut, gap, stall, level):
     """Every grey value, and each twice about the level; broken beats are dark."""
@@ -41,7 +41,7 @@ async def pixels_match_model(dut, gap, stall, level):
         assert mine == other, f"beat {place}: {mine:#x}, not {other:#x}"
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def level_and_enable_go_with_the_pixel(dut):
     """A change between two frames that come back to back hits the second one's first pixel."""
     rng = np.random.default_rng(parameters()["seed"])
@@ -56,7 +56,7 @@ async def level_and_enable_go_with_the_pixel(dut):
     assert await bench.o.receive(len(wanted)) == wanted
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def a_pixel_a_clock_a_clock_later(dut):
     bench = Bench(dut, plain={"level": 3, "enable": 1})
     await bench.reset()
@@ -67,7 +67,7 @@ async def a_pixel_a_clock_a_clock_later(dut):
     assert clocks[-1] - clocks[0] == 199
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def reset_empties_the_register(dut):
     bench = Bench(dut, stall=1.0, plain={"level": 3, "enable": 1})
     await bench.reset()

@@ -10,7 +10,7 @@ def words_of(array):
     return [int(word[0]) for word in array]
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.4], stall=[0.0, 0.4], mode=["off", "erode", "gate"])
 async def frames_match_model(dut, gap, stall, mode):
     """Full, empty, hollow and random masks; the last frame leaves without further pixels."""

@@ -56,7 +56,7 @@ def images(rng, height, width):
     yield rng.choice([0, 255, 128], (height, width), p=[0.9, 0.05, 0.05])
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.3])
 async def bins_match_model(dut, gap):
     """Frames without a clock between, and with random gaps."""
@@ -74,7 +74,7 @@ async def bins_match_model(dut, gap):
         assert mine == other, f"frame {number}"
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.3])
 async def a_broken_frame_leaves_nothing(dut, gap):
     """Broken before, within, and after the rows that count; the next frame begins at once."""
@@ -97,7 +97,7 @@ async def a_broken_frame_leaves_nothing(dut, gap):
     assert bench.read == wanted
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def ends_are_told(dut):
     """``done`` and ``lost`` come in the very clock of the frame's last beat, never else."""
     bench = HistogramBench(dut)

@@ -42,7 +42,7 @@ class ThresholdBench(Bench):
         return self.dut.level.value.to_unsigned()
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def levels_match_model(dut):
     """Directed histograms with their ties, then random ones, every alpha."""
     pixels, rng = parameters()["pixels"], np.random.default_rng(parameters()["seed"])
@@ -58,7 +58,7 @@ async def levels_match_model(dut):
         assert got == wanted, f"{name}, alpha {alpha / 16}: {got}, not {wanted}"
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def only_a_whole_frame_teaches(dut):
     """Lost at any time, or ended before the bins were closed: the old level stays."""
     pixels, rng = parameters()["pixels"], np.random.default_rng(parameters()["seed"])
@@ -84,7 +84,7 @@ async def only_a_whole_frame_teaches(dut):
         assert level == threshold(other, 80), f"after a frame that was lost {clocks} clocks in"
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def level_changes_with_done_alone(dut):
     pixels, rng = parameters()["pixels"], np.random.default_rng(parameters()["seed"])
     bench = ThresholdBench(dut)
@@ -103,7 +103,7 @@ async def level_changes_with_done_alone(dut):
     assert dut.level.value == new
 
 
-@cocotb.test()
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def fixed_level(dut):
     bench = ThresholdBench(dut, fixed=1, fixed_level=123)
     await bench.reset()

@@ -24,7 +24,7 @@ from .common.table_memory import TableMemory
 from .config import Config
 from .link.packet import Packet
 from .link.uart_tx import UARTTransmitter
-from .payloads import COORDINATE_BITS, FrameInfo
+from .payloads import COORDINATE_BITS, FrameInfo, Spot, Undistorted
 from .preprocessing.binarise import Binarise
 from .preprocessing.centre import Centring
 from .preprocessing.erosion import Erosion
@@ -142,8 +142,8 @@ class Capsule(wiring.Component):
         # Acquisition.
         m.submodules.camera = camera = Camera(**size)
         m.submodules.frame_gate = gate = FrameGate()
-        m.submodules.frame_info = frame_info = SyncFIFO(
-            width=Shape.cast(FrameInfo).width, depth=_FRAMES_IN_FLIGHT)
+        m.submodules.frame_info = frame_info = spot_side(SyncFIFO(
+            width=Shape.cast(FrameInfo).width, depth=_FRAMES_IN_FLIGHT))
         m.d.comb += [
             camera.frame_valid.eq(self.frame_valid),
             camera.line_valid.eq(self.line_valid),
@@ -158,6 +158,7 @@ class Capsule(wiring.Component):
         m.submodules.binarise = binarise = Binarise(8)
         m.submodules.erosion = erosion = Erosion(config.width)
         m.submodules.labelling = labelling = Labelling(**size)
+        m.submodules.spot_stage = spot_stage = spot_side(Stage(Spot))
         m.submodules.spot_queue = spot_queue = spot_side(SpotQueue(config.spot_depth))
         m.submodules.centre = centre = spot_side(Centring())
         connect(m, gate.o, binarise.i)
@@ -167,7 +168,8 @@ class Capsule(wiring.Component):
         ]
         connect(m, binarise.o, erosion.i)
         connect(m, erosion.o, labelling.i)
-        connect(m, labelling.o, spot_queue.i)
+        connect(m, labelling.o, spot_stage.i)
+        connect(m, spot_stage.o, spot_queue.i)
         connect(m, spot_queue.o, centre.i)
         m.d.comb += [
             threshold.closed.eq(histogram.closed),
@@ -191,13 +193,13 @@ class Capsule(wiring.Component):
 
         # Stereo.
         m.submodules.undistort = undistort = spot_side(Undistort(**size))
-        m.submodules.stage = stage = spot_side(Stage())
+        m.submodules.match_stage = match_stage = spot_side(Stage(Undistorted))
         m.submodules.epipolar = epipolar = spot_side(Epipolar(config.beams, config.lanes))
         m.submodules.depth = depth = spot_side(Depth())
         m.submodules.point_fifo = point_fifo = spot_side(PointFIFO())
         connect(m, centre.o, undistort.i)
-        connect(m, undistort.o, stage.i)
-        connect(m, stage.o, epipolar.i)
+        connect(m, undistort.o, match_stage.i)
+        connect(m, match_stage.o, epipolar.i)
         connect(m, epipolar.o, depth.i)
         connect(m, depth.o, point_fifo.i)
         m.d.comb += [
@@ -250,10 +252,9 @@ class Capsule(wiring.Component):
         m.d.comb += [
             moves.eq(Cat(
                 self.table_enable, gate.info.valid, histogram.closed, learning, histogram.done,
-                histogram.lost, labelling.o.valid, spot_queue.o.valid, centre.o.valid,
-                undistort.o.valid,
-                stage.o.valid, epipolar.o.valid, depth.o.valid, point_fifo.o.valid, packet.o.valid,
-                ~uart_tx.i.ready).any()),
+                histogram.lost, labelling.o.valid, spot_stage.o.valid, spot_queue.o.valid,
+                centre.o.valid, undistort.o.valid, match_stage.o.valid, epipolar.o.valid,
+                depth.o.valid, point_fifo.o.valid, packet.o.valid, ~uart_tx.i.ready).any()),
             self.busy.eq(moves | linger.any()),
         ]
         with m.If(moves):

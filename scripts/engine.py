@@ -89,7 +89,8 @@ def _prepared_environment():
     if spec and spec.submodule_search_locations:
         folders.insert(0, str(Path(list(spec.submodule_search_locations)[0]) / "bin"))
     environment["PATH"] = os.pathsep.join([*folders, environment["PATH"]])
-    environment.setdefault("MAKEFLAGS", "CFG_CXXFLAGS_PCH_I=-include")
+    # The wheel's verilated.mk leaves this empty. A make around this one may have set MAKEFLAGS.
+    environment["MAKEFLAGS"] = "CFG_CXXFLAGS_PCH_I=-include"
     return environment
 
 
@@ -99,6 +100,40 @@ def _require_compiler(environment):
         if not shutil.which(program, path=environment["PATH"]):
             raise UserError(f"--engine rtl needs {package}, which is not installed; install it, "
                             "or use --engine model, which gives identical points.")
+
+
+def _verilog(config):
+    """The capsule as the harness wants it.
+
+    Pixels and system share a clock, and no reset is wired: a new library starts from power-up.
+    Any change of a clock stands for a rising edge, so that one evaluation makes a clock.
+    """
+    from amaranth.hdl import ClockDomain, Module, Value
+    from amaranth.lib import wiring
+    from amaranth.lib.wiring import In
+
+    from hdl.capsule import Capsule
+    from hdl.export import to_fast_verilog
+
+    capsule = Capsule(config, gated=True)
+
+    class Native(wiring.Component):
+        def __init__(self):
+            super().__init__({**capsule.signature.members, "clk": In(1), "spot_clk": In(1)})
+
+        def elaborate(self, platform):
+            m = Module()
+            m.submodules.capsule = capsule
+            for name, clock in (("sync", self.clk), ("pixel", self.clk), ("spot", self.spot_clk)):
+                domain = ClockDomain(name, local=True)
+                setattr(m.domains, name, domain)
+                m.d.comb += [domain.clk.eq(clock), domain.rst.eq(0)]
+            for name, member in capsule.signature.members.items():
+                mine, its = (Value.cast(getattr(side, name)) for side in (self, capsule))
+                m.d.comb += its.eq(mine) if member.flow == In else mine.eq(its)
+            return m
+
+    return re.sub(r"\bposedge (\w*clk)\b", r"\1", to_fast_verilog(Native(), "capsule"))
 
 
 def build(config):
@@ -117,9 +152,6 @@ def build(config):
     library = folder / "libcapsule.so"
     if library.exists():
         return library
-    from hdl.capsule import Capsule
-    from hdl.export import to_fast_verilog
-
     environment = _prepared_environment()
     _require_compiler(environment)
     BUILD.mkdir(parents=True, exist_ok=True)
@@ -129,10 +161,7 @@ def build(config):
             return library
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
-        # Any change of a clock stands for a rising edge: one evaluation a clock instead of two.
-        verilog = to_fast_verilog(Capsule(config, gated=True), "capsule")
-        (folder / "capsule.v").write_text(
-            re.sub(r"\bposedge (clk|pixel_clk|spot_clk)\b", r"\1", verilog))
+        (folder / "capsule.v").write_text(_verilog(config))
 
         def step(*command):
             done = subprocess.run(command, cwd=folder, env=environment, text=True,
@@ -181,7 +210,7 @@ class RTLEngine(_Engine):
         library.capsule_octets.restype = ctypes.c_size_t
         self._handle = ctypes.c_void_p(library.capsule_new())
         self._room = ctypes.create_string_buffer(1 << 20)
-        library.capsule_reset(self._handle)
+        library.capsule_idle(self._handle, ctypes.c_uint64(64))
         self._load(settings)
 
     def __del__(self):

@@ -1,6 +1,6 @@
 // The Verilated capsule as a plain C library: frames in at the camera's pins, octets out of the
-// serial pin. No VPI; all clocks run together, one pixel a clock, but the spot side's stands still
-// while it is not busy; the UART runs at one clock a bit.
+// serial pin. No VPI; one pixel a clock. The spot side's clock stands still while it is not busy; the
+// UART runs at one clock a bit.
 #include "Vcapsule.h"
 #include "verilated.h"
 
@@ -21,7 +21,6 @@ struct Harness {
     void clock() {
         // Every change of a clock is a rising edge here, see engine.py.
         top.clk ^= 1;
-        top.pixel_clk ^= 1;
         top.spot_clk ^= top.busy;
         top.eval();
         ++clocks;
@@ -33,16 +32,6 @@ struct Harness {
             octets.push_back(character);
             bit = -1;
         }
-    }
-
-    void reset() {
-        top.rst = top.pixel_rst = top.spot_rst = 1;
-        top.eval();
-        for (int i = 0; i < 4; ++i) clock();
-        top.rst = top.pixel_rst = top.spot_rst = 0;
-        for (int i = 0; i < 4; ++i) clock();
-        octets.clear();
-        bit = -1;
     }
 };
 
@@ -58,8 +47,6 @@ void capsule_free(Harness* harness) {
 }
 
 uint64_t capsule_clocks(const Harness* harness) { return harness->clocks; }
-
-void capsule_reset(Harness* harness) { harness->reset(); }
 
 // Registers, in the order of `Settings.registers` in model/settings.py.
 void capsule_configure(Harness* harness, const uint32_t* value) {

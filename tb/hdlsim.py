@@ -40,7 +40,8 @@ def prepare_environment():
     path = os.environ["PATH"].split(os.pathsep)
     os.environ["PATH"] = os.pathsep.join([f for f in folders if f not in path] + path)
     # The wheel's verilated.mk leaves the precompiled-header flag empty, which breaks larger builds.
-    os.environ.setdefault("MAKEFLAGS", "CFG_CXXFLAGS_PCH_I=-include")
+    # A make around this may have set MAKEFLAGS.
+    os.environ["MAKEFLAGS"] = "CFG_CXXFLAGS_PCH_I=-include"
     if shutil.which("ccache"):
         os.environ.setdefault("OBJCACHE", "ccache")
 

@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from hdl.common.stage import Stage
 from hdl.common.table_memory import TableMemory
-from hdl.payloads import GreyPixel, Point
+from hdl.payloads import GreyPixel, Point, Spot
 from hdl.preprocessing.binarise import Binarise
 from hdl.preprocessing.centre import Centring
 from hdl.preprocessing.erosion import Erosion
@@ -36,8 +36,9 @@ class Chain(wiring.Component):
         size = {"width": config.width, "height": config.height}
         blocks = {
             "binarise": Binarise(8), "erosion": Erosion(config.width),
-            "labelling": Labelling(**size), "spot_queue": SpotQueue(config.spot_depth),
-            "centre": Centring(), "undistort": Undistort(**size), "stage": Stage(),
+            "labelling": Labelling(**size), "spot_stage": Stage(Spot),
+            "spot_queue": SpotQueue(config.spot_depth),
+            "centre": Centring(), "undistort": Undistort(**size), "match_stage": Stage(),
             "epipolar": Epipolar(config.beams, config.lanes), "depth": Depth()}
         source = flipped(self.i)
         for name, block in blocks.items():

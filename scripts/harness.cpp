@@ -18,10 +18,10 @@ struct Harness {
     uint8_t character = 0;
     std::vector<uint8_t> octets;
 
-    void clock() {
+    void clock(bool spot_side = false) {
         // Every change of a clock is a rising edge here, see engine.py.
         top.clk ^= 1;
-        top.spot_clk ^= top.busy;
+        top.spot_clk ^= top.busy | spot_side;
         top.eval();
         ++clocks;
         if (bit < 0) {
@@ -73,9 +73,9 @@ void capsule_write_table(Harness* harness, int select, uint32_t address, const u
     top.table_select = select;
     top.table_address = address;
     for (int i = 0; i < 3; ++i) top.table_data[i] = word[i];
-    top.eval();  // the write makes the spot side busy in this very clock
-    harness->clock();
+    harness->clock(true);
     top.table_enable = 0;
+    harness->clock(true);
 }
 
 // Shows one frame at the camera's pins, with blanking after each line and after the frame.

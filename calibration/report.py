@@ -7,6 +7,9 @@ from rich.table import Table
 
 __all__ = ["beams_table", "summary_table"]
 
+#: What the chip's undistortion is meant to stay within.
+_UNDISTORTION_PX = 0.01
+
 
 def _table(title):
     table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1),
@@ -67,8 +70,11 @@ def summary_table(result):
                   "mean, expected from the centres' noise over the depth range")
     table.add_section()
     table.add_row("centre", f"{budget['centre_px']:.4f} px", "rounding, worst")
+    within = budget["undistortion_px"] <= _UNDISTORTION_PX
     table.add_row("undistortion", f"{budget['undistortion_px']:.4f} px",
-                  "rounding, worst within the picture")
+                  "rounding, worst within the picture" if within else
+                  f"[bold red]worst within the picture, above {_UNDISTORTION_PX:g} px: the lens's "
+                  "tangential distortion is too strong for the chip[/bold red]")
     table.add_row("line", f"{budget['line_px']:.4f} px", "rounding, worst within the windows")
     table.add_row("1/z", f"{budget['depth_relative']:.1e}",
                   "relative rounding, worst within the windows")
@@ -78,7 +84,7 @@ def summary_table(result):
 def beams_table(result):
     """Residual of every beam along the rows, laid out as the mesh."""
     calibration, lines = result.calibration, result.lines
-    table = _table("RMS distance of the spots from their line, px (planes)")
+    table = _table("RMS distance of the spots from their line, 1/1000 px (planes)")
     for column in range(calibration.columns):
         table.add_column(str(column), justify="right", no_wrap=True)
     usual = float(sorted(lines.residual_v)[len(lines.residual_v) // 2])
@@ -88,7 +94,7 @@ def beams_table(result):
             beam = row * calibration.columns + column
             residual = lines.residual_v[beam]
             style = "bold red" if residual > 4 * usual else "yellow" if residual > 2 * usual else ""
-            text = f"{residual:.3f} [dim]({int(lines.planes[beam])})[/dim]"
+            text = f"{1000 * residual:.0f} [dim]({int(lines.planes[beam])})[/dim]"
             cells.append(f"[{style}]{text}[/{style}]" if style else text)
         table.add_row(str(row), *cells)
     return table

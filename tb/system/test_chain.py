@@ -1,0 +1,14 @@
+"""The chip's latency, from a frame's last pixel to its last point."""
+
+from dataclasses import replace
+
+from hdl.config import PRESETS
+from tb.system.chain import last_point_latency
+
+
+def test_last_point_comes_within_three_rows_and_1000_clocks():
+    """64 spots that all end on the last row, eight lanes; clocks, not seconds."""
+    config = replace(PRESETS["capsule"], lanes=8)
+    clocks, points = last_point_latency(config)
+    assert points == 64
+    assert clocks <= 3 * config.width + 1000

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from scripts.errors import UserError
 
-__all__ = ["add_arguments", "add_parser", "main"]
+__all__ = ["add_arguments", "main"]
 
 
 def add_arguments(parser):
@@ -41,9 +41,6 @@ def add_arguments(parser):
                         help="write the calibration only")
 
 
-def add_parser(subparsers):
-    """Add the sub-command to argparse's sub-parsers."""
-    add_arguments(subparsers.add_parser("calibrate", help="learn a rig from its capture folder"))
 
 
 def _settings(arguments):

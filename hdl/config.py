@@ -2,7 +2,10 @@
 
 from dataclasses import dataclass
 
-__all__ = ["Config", "PRESETS"]
+__all__ = ["Config", "PRESETS", "PRESET_NAMES"]
+
+#: The two designs, in the order of their codes in the reply to IDENTIFY.
+PRESET_NAMES = ("capsule", "paper")
 
 
 @dataclass(frozen=True)
@@ -11,6 +14,11 @@ class Config:
 
     Parameters
     ----------
+    preset : :class:`str`
+        One of :data:`PRESET_NAMES`: what measures the spots, :class:`hdl.capsule.Capsule` or
+        :class:`hdl.paper.Paper`.
+    clock_hz : :class:`int`
+        System clock; whole megahertz, since one prescaler counts the microseconds.
     width, height : :class:`int`
         Sensor size in pixels, 16 to 512 each.
     beams : :class:`int`
@@ -19,6 +27,9 @@ class Config:
         Epipolar lines that are tried at a time (P), 1 to ``beams``.
     spot_depth : :class:`int`
         Spots that may wait for the stereo unit.
+    labels : :class:`int`
+        Provisional labels of the two-pass labelling, a power of two from 16 to 4096; the preset
+        ``capsule`` has no use for them.
 
     Raises
     ------
@@ -26,21 +37,31 @@ class Config:
         If a choice is out of its range.
     """
 
+    preset: str = "capsule"
+    clock_hz: int = 16_000_000
     width: int = 352
     height: int = 288
     beams: int = 49
     lanes: int = 2
     spot_depth: int = 64
+    labels: int = 1024
 
     def __post_init__(self):
+        if self.preset not in PRESET_NAMES:
+            raise ValueError(f"preset must be one of {', '.join(PRESET_NAMES)}, "
+                             f"not {self.preset!r}")
         for name, low, high in [
             ("width", 16, 512), ("height", 16, 512), ("beams", 1, 128), ("lanes", 1, self.beams),
-            ("spot_depth", 8, 512),
+            ("spot_depth", 8, 512), ("labels", 16, 4096), ("clock_hz", 1_000_000, 65_000_000),
         ]:
             value = getattr(self, name)
             if not isinstance(value, int) or not low <= value <= high:
                 raise ValueError(
                     f"{name} must be an integer from {low} to {high}, not {value!r}")
+        if self.labels & (self.labels - 1):
+            raise ValueError(f"labels must be a power of two, not {self.labels}")
+        if self.clock_hz % 1_000_000:
+            raise ValueError(f"clock_hz must be a multiple of 1 MHz, not {self.clock_hz}")
 
 
-PRESETS = {"capsule": Config()}
+PRESETS = {"capsule": Config(), "paper": Config(preset="paper", lanes=49)}

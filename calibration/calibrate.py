@@ -9,6 +9,7 @@ from calibration.identity import Identity, identify
 from calibration.lens import LensReport, calibrate_lens
 from calibration.lines import BeamLines, Observations, check_planes, fit_lines
 from calibration.reciprocal import reciprocal_table
+from calibration.remap import remap_table
 from calibration.spots import find_spots
 from calibration.tables import Tables, Windows, build_tables, choose_windows
 from calibration.undistortion import undistortion_settings
@@ -31,11 +32,14 @@ class Options:
         Threshold, erosion, weighting and area limits; its tables are replaced.
     depth_min, depth_max : :class:`float` or None
         Depth range in mm; that of the plane frames if None.
+    remapped : :class:`bool`
+        For the preset ``paper``: find the spots in images that a table has corrected.
     """
 
     settings: Settings = field(default_factory=Settings)
     depth_min: float | None = None
     depth_max: float | None = None
+    remapped: bool = False
 
 
 @dataclass(frozen=True)
@@ -177,6 +181,8 @@ def calibrate(capture, options, progress=None):
         counted("chessboards", capture.lens_images()), capture.board_columns, capture.board_rows,
         capture.square_mm, capture.focal_px)
     settings = with_lens(options.settings, lens)
+    if options.remapped:
+        settings = replace(settings, remap=remap_table(lens))
     planes = [find_spots(name, z_mm, image, settings, lens)
               for name, z_mm, image in counted("plane frames", capture.plane_images())]
     return calibrate_beams(planes, capture.projector, lens, lens_report, options, settings)

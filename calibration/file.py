@@ -9,13 +9,14 @@ import os
 import tempfile
 import zlib
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from calibration.identity import Projector
 from calibration.lens import Lens
+from calibration.remap import remap_table
 from model.settings import EROSION_MODES, RADIAL_WORDS, RECIPROCAL_WORDS, Settings
 from scripts.errors import UserError
 
@@ -136,8 +137,11 @@ def encode(calibration):
              for key, value in content.items()]
     beams = ",\n".join(json.dumps(_plain(asdict(beam)), allow_nan=False)
                        for beam in calibration.beams)
+    # The table of the whole image follows from the lens: the file only says that there is one.
+    settings = asdict(replace(calibration.settings, remap=()))
+    settings["remap"] = bool(calibration.settings.remap)
     settings = ",\n".join(f"{json.dumps(key)}: {json.dumps(_plain(value))}"
-                          for key, value in asdict(calibration.settings).items())
+                          for key, value in settings.items())
     lines += ['"beams": [', beams, "],", '"settings": {', settings, "},", ""]
     body = ("{\n" + "\n".join(lines)).encode()
     return body + _TRAILER % zlib.crc32(body)
@@ -169,7 +173,8 @@ def save(calibration, path):
         file.write(encode(calibration))
 
 
-def _settings(content):
+def _settings(content, lens):
+    remapped = content.pop("remap", False)
     content = {key: tuple(value) if isinstance(value, list) else value
                for key, value in content.items()}
     settings = Settings(**content)
@@ -178,7 +183,7 @@ def _settings(content):
     if any(len(table) != words for table, words in sizes) or (
             settings.erosion not in EROSION_MODES):
         raise ValueError("a table has the wrong length")
-    return settings
+    return replace(settings, remap=remap_table(lens)) if remapped else settings
 
 
 def decode(data, name="The calibration"):
@@ -208,10 +213,11 @@ def decode(data, name="The calibration"):
                             f"version {VERSION}: {again}")
         projector = content["projector"]
         projector["base_mm"] = tuple(projector["base_mm"])
+        lens = Lens(**content["sensor"], **content["lens"])
         calibration = Calibration(
-            lens=Lens(**content["sensor"], **content["lens"]), projector=Projector(**projector),
+            lens=lens, projector=Projector(**projector),
             beams=tuple(Beam(**beam) for beam in content["beams"]),
-            settings=_settings(content["settings"]), inverse_z_unit=content["inverse_z_unit"],
+            settings=_settings(content["settings"], lens), inverse_z_unit=content["inverse_z_unit"],
             z_min=content["depth_range"][0], z_max=content["depth_range"][1],
             budget=content["budget"])
         if len(calibration.beams) != calibration.projector.beams or (

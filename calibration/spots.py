@@ -3,6 +3,7 @@
 import numpy as np
 
 from calibration.identity import PlaneSpots
+from model.paper import corrected_spots, places
 from model.preprocessing.binarise import binarise
 from model.preprocessing.centre import centres
 from model.preprocessing.erosion import erode
@@ -21,7 +22,8 @@ def find_spots(name, z_mm, image, settings, lens):
     """Spots of one plane frame.
 
     The threshold is learnt on the frame itself, as in the second showing of a frame; the centres
-    are the chip's, undistorted in float.
+    are the chip's, undistorted in float; with a table of places in ``settings``, they are those of
+    the corrected image, as the preset ``paper`` has them.
 
     Parameters
     ----------
@@ -40,6 +42,8 @@ def find_spots(name, z_mm, image, settings, lens):
     -------
     :class:`calibration.identity.PlaneSpots`
     """
+    if settings.remap:
+        return _corrected(name, z_mm, image, settings, lens)
     level = settings.level_fixed
     if level is None:
         level = int(threshold(histogram(image), settings.alpha))
@@ -52,3 +56,13 @@ def find_spots(name, z_mm, image, settings, lens):
     good = np.isfinite(x) & np.isfinite(y)
     return PlaneSpots(name=name, z_mm=float(z_mm), u=u[good], v=v[good], x=x[good], y=y[good],
                       area=np.asarray(spots["area"])[good], level=level)
+
+
+def _corrected(name, z_mm, image, settings, lens):
+    level, spots, _ = corrected_spots(image, settings)
+    spots = spots[spots["rejected"] == 0]
+    x, y, _ = places(*centres(spots, settings.reciprocal), lens.width, lens.height)
+    x, y = x * _LSB_PX, y * _LSB_PX
+    u, v = lens.distort(x, y)
+    return PlaneSpots(name=name, z_mm=float(z_mm), u=u, v=v, x=x, y=y,
+                      area=np.asarray(spots["area"]), level=level)

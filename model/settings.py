@@ -40,6 +40,9 @@ class Settings:
         p1 and p2 over the focal length, in the unit of ``model.stereo.undistort``.
     radial, reciprocal, line, window, depth : :class:`tuple` of :class:`int`
         Memory contents, a word each; formats in ``hdl/README.md``.
+    remap : :class:`tuple` of :class:`int`
+        A word for each pixel of the corrected image, see ``model/preprocessing/remap.py``; empty
+        but for the preset ``paper``.
     """
 
     level_fixed: int | None = None
@@ -58,6 +61,7 @@ class Settings:
     line: tuple = field(default=(), repr=False)
     window: tuple = field(default=(), repr=False)
     depth: tuple = field(default=(), repr=False)
+    remap: tuple = field(default=(), repr=False)
 
     def registers(self):
         """Register names of the chip's top and their values, negative ones in two's complement."""

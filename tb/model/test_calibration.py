@@ -15,6 +15,7 @@ from calibration.calibrate import Options, calibrate_beams, with_lens
 from calibration.identity import PlaneSpots, Projector, identify
 from calibration.lens import Lens, LensReport, calibrate_lens
 from calibration.lines import Observations, check_planes, fit_lines
+from calibration.remap import remap_table
 from calibration.spots import find_spots
 from calibration.tables import INVERSE_Z_ERROR, build_tables, choose_windows, separations
 from model.capsule import Capsule
@@ -373,6 +374,10 @@ def test_file_gives_back_what_it_was_given(calibration, tmp_path):
     assert (back.width, back.height, back.rows, back.columns) == (352, 288, 7, 7)
     assert json.loads(path.read_text())["version"] == file.VERSION
     assert [entry.name for entry in tmp_path.iterdir()] == ["calibration.json"]
+    remapped = replace(
+        calibration, settings=replace(calibration.settings, remap=remap_table(calibration.lens)))
+    file.save(remapped, path)
+    assert file.load(path) == remapped
 
 
 def test_every_flipped_bit_is_refused(calibration):

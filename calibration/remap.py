@@ -1,0 +1,32 @@
+"""The table of the whole-image distortion correction, from a lens."""
+
+import numpy as np
+
+from model.preprocessing.remap import OUTSIDE
+
+__all__ = ["remap_table"]
+
+
+def remap_table(lens):
+    """Words of :func:`model.preprocessing.remap.remap`.
+
+    A pixel of the corrected image stands for the undistorted place that is as far from the image
+    centre; it shows the pixel of the image nearest to where the lens puts that place. What lies
+    beyond the lens model's fold shows nothing.
+
+    Parameters
+    ----------
+    lens : :class:`calibration.lens.Lens`
+        Camera and sensor size.
+
+    Returns
+    -------
+    tuple of width x height :class:`int`
+    """
+    row, column = np.mgrid[:lens.height, :lens.width]
+    x, y = column - lens.centre[0], row - lens.centre[1]
+    u, v = (np.floor(place + 0.5).astype(np.int64) for place in lens.distort(x, y))
+    radius = np.hypot(x - lens.principal_x, y - lens.principal_y) / lens.focal
+    shown = ((u >= 0) & (u < lens.width) & (v >= 0) & (v < lens.height)
+             & (radius < lens.fold_radius))
+    return tuple(int(word) for word in np.where(shown, v * lens.width + u, OUTSIDE).ravel())

@@ -1,0 +1,108 @@
+"""The golden model of the preset ``paper``: frames in, points and counts out, bit for bit."""
+
+import numpy as np
+
+from model.link.packet import POINT, Frame
+from model.preprocessing.binarise import binarise
+from model.preprocessing.centre import centres
+from model.preprocessing.erosion import erode
+from model.preprocessing.histogram import histogram
+from model.preprocessing.labelling import label
+from model.preprocessing.remap import remap
+from model.preprocessing.spot_queue import screen
+from model.preprocessing.threshold import threshold
+from model.stereo.depth import inverse_depth
+from model.stereo.epipolar import match
+
+__all__ = ["Paper", "corrected_spots", "places"]
+
+
+def places(u, v, width, height):
+    """Centres in the corrected image as undistorted places, about the image centre.
+
+    Returns
+    -------
+    x, y : arrays of int64
+        Signed Q9.9 pixels, as 18 bits hold them.
+    ok : array of :class:`bool`
+        Both lie within +-256 px, which they do for every pixel of the image.
+    """
+    result, ok = [], True
+    for centre, size in ((u, width), (v, height)):
+        place = np.asarray(centre, dtype=np.int64) - (size - 1) * 256
+        wrapped = ((place + (1 << 17)) & 0x3FFFF) - (1 << 17)
+        ok = ok & (place == wrapped)
+        result.append(wrapped)
+    return (*result, ok)
+
+
+def corrected_spots(image, settings):
+    """Level of an image, and the components of its corrected image as the spot queue keeps them.
+
+    The level is learnt on the image itself, all of it, before it is corrected.
+
+    Returns
+    -------
+    level, spots, counts
+        The latter two from :func:`model.preprocessing.spot_queue.screen`.
+    """
+    level = settings.level_fixed
+    if level is None:
+        level = int(threshold(histogram(image, whole=True), settings.alpha))
+    lit, excess = binarise(remap(image, settings.remap), level)
+    lit, core = erode(lit, settings.erosion)
+    return level, *screen(label(lit, core, excess, settings.weighted), settings)
+
+
+class Paper:
+    """Frames in their order, each to what the chip would send of it.
+
+    Nothing but the frame's number lasts from one frame to the next. Queues are without end: where
+    the chip has to drop spots for want of room, its points are a part of these.
+
+    Parameters
+    ----------
+    settings : :class:`model.settings.Settings`
+        Registers and tables.
+    width, height : :class:`int`
+        Sensor size in pixels.
+    """
+
+    def __init__(self, settings, width, height):
+        self.settings, self.width, self.height = settings, width, height
+        self.number = 0
+
+    def frame(self, image):
+        """What the chip sends of ``image``.
+
+        Parameters
+        ----------
+        image : array (height, width) of uint8
+            Grey values.
+
+        Returns
+        -------
+        :class:`model.link.packet.Frame`
+            Points and counts; u and v are places in the corrected image.
+
+        Raises
+        ------
+        ValueError
+            If the image is not of the sensor's size and 8 bits.
+        """
+        image = np.asarray(image)
+        if image.shape != (self.height, self.width) or image.dtype != np.uint8:
+            raise ValueError(f"A frame must have {self.width} x {self.height} pixels of 8 bits, "
+                             f"not {image.shape[::-1]} of {image.dtype}")
+        settings = self.settings
+        level, spots, counts = corrected_spots(image, settings)
+        u, v = centres(spots, settings.reciprocal)
+        x, y, inside = places(u, v, self.width, self.height)
+        status, beam = match(x, y, spots["rejected"] | ~inside, settings.line, settings.window)
+        status, beam, inverse_z = inverse_depth(x, beam, status, settings.depth)
+        points = np.zeros(len(spots), POINT)
+        points["status"], points["beam"], points["inverse_z"] = status, beam, inverse_z
+        points["area"], points["u"], points["v"] = spots["area"], u, v
+        number, self.number = self.number, (self.number + 1) & 0xFFFF
+        return Frame(points=points, number=number, level=level, spots=counts["spots"],
+                     rejected=counts["rejected"])

@@ -11,7 +11,7 @@ from amaranth.lib import data, enum
 __all__ = [
     "FRACTION_BITS", "COORDINATE_BITS", "AREA_LIMIT", "Mark", "GreyPixel", "MaskPixel", "Spot",
     "QueuedSpot", "Counts", "Centre", "Undistorted", "Status", "Match", "Point", "FrameInfo",
-    "FrameTag",
+    "FrameTag", "PacketOctet",
 ]
 
 #: Bits behind the binary point of a coordinate in pixels.
@@ -148,15 +148,6 @@ class Point(data.Struct):
     inverse_z: unsigned(18)
 
 
-class FrameInfo(data.Struct):
-    """What is known of a frame when its first pixel passes."""
-
-    number: 16
-    level: 8
-    learning: 1
-    skipped: 8
-
-
 class FrameTag(data.Struct):
     """How the sensor exposed a frame; set before it sends the frame, stable until the next one.
 
@@ -169,3 +160,26 @@ class FrameTag(data.Struct):
     capture: 1
     exposure_us: 16
     timestamp_us: 24
+
+
+class FrameInfo(data.Struct):
+    """What is known of a frame when its first pixel passes.
+
+    ``tripped`` tells that the laser guard holds a cause, ``tables_valid`` that a set of tables was
+    committed and checked.
+    """
+
+    number: 16
+    level: 8
+    learning: 1
+    skipped: 8
+    tag: FrameTag
+    tripped: 1
+    tables_valid: 1
+
+
+class PacketOctet(data.Struct):
+    """An octet of a packet: its kind first, then the body, ``last`` with the body's last octet."""
+
+    data: 8
+    last: 1

@@ -1,0 +1,29 @@
+"""The laser's AC-coupled driver."""
+
+__all__ = ["LaserDriver"]
+
+
+class LaserDriver:
+    """Lights the laser while its pin keeps changing, whatever level the pin stands at otherwise.
+
+    Parameters
+    ----------
+    hold : :class:`int`
+        Clocks for which one edge lights it, its own clock included.
+    """
+
+    def __init__(self, hold=1):
+        if not isinstance(hold, int) or hold < 1:
+            raise ValueError(f"An edge must light the driver for at least one clock, not {hold!r}")
+        self.hold = hold
+        self.pin = 0
+        self.charge = 0
+
+    def step(self, pin):
+        """One clock with ``pin`` at that level; return whether there is light."""
+        if pin != self.pin:
+            self.charge = self.hold
+        elif self.charge:
+            self.charge -= 1
+        self.pin = pin
+        return self.charge > 0

@@ -58,6 +58,7 @@ class Block:
         choices = {
             "config": config, "width": config.width, "height": config.height,
             "beams": config.beams, "lanes": config.lanes, "spot_depth": config.spot_depth,
+            "clock_hz": config.clock_hz,
         }
         if self.name == "spot_queue":
             choices["depth"] = config.spot_depth
@@ -73,7 +74,7 @@ class Block:
 
 #: Every block, in the order in which data flows.
 BLOCKS = tuple(Block(name, unit) for unit, names in {
-    "acquisition": "camera frame_gate",
+    "acquisition": "laser_guard camera frame_gate",
     "preprocessing": "histogram threshold binarise erosion labelling spot_queue centre",
     "stereo": "undistort epipolar depth",
     "link": "packet uart_tx",

@@ -4,32 +4,41 @@ from amaranth import *
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from ..payloads import FrameInfo, GreyPixel
+from ..payloads import FrameInfo, FrameTag, GreyPixel
 
 __all__ = ["FrameGate"]
 
 
 class FrameGate(wiring.Component):
-    """Numbers frames, announces each, and keeps out those that the reader cannot be told of.
+    """Numbers frames, announces each, parts texture from patterns, and keeps out those frames
+    that the reader cannot be told of.
 
-    A frame whose first pixel comes while ``info`` is not ready is taken and thrown away whole, and
-    counted; the next announcement tells how many there were. Pixels pass without a clock between;
-    nothing waits that ``o`` would take. A ``broken`` beat before any pixel of its frame is
-    thrown away.
+    Frames whose ``tag`` says texture leave by ``texture`` and ``texture_info``, the others by ``o``
+    and ``info``. All are numbered together. A frame whose first pixel comes while its announcement
+    is not ready is taken and thrown away whole, and counted; the next announcement, of either kind,
+    tells how many there were. Pixels pass without a clock between; nothing waits that the stream it
+    goes to would take. A ``broken`` beat before any pixel of its frame is thrown away. Reset starts
+    the numbers again.
 
     Members
     -------
     i : :py:`In(stream.Signature(GreyPixel))`
         Frames.
     o : :py:`Out(stream.Signature(GreyPixel))`
-        Those that pass.
+        Pattern frames that pass.
     info : :py:`Out(stream.Signature(FrameInfo))`
-        One for each frame that passes, with its first pixel. ``valid`` does not wait for ``ready``,
-        but is high for that one clock only: this stream is for a queue that takes at once or not.
+        One for each of them, with its first pixel. ``valid`` does not wait for ``ready``, but is
+        high for that one clock only: this stream is for a queue that takes at once or not.
+    texture, texture_info
+        The same two for texture frames.
     level : :py:`In(8)`
         Threshold, for the announcement.
     learnt : :py:`In(1)`
         Low if no threshold is known yet.
+    tag : :py:`In(FrameTag)`
+        How the frame was exposed; heard with its first pixel.
+    tripped, tables_valid : :py:`In(1)`
+        State of the laser guard and of the tables, for the announcement.
     """
 
     latency = 0
@@ -39,8 +48,13 @@ class FrameGate(wiring.Component):
             "i": In(stream.Signature(GreyPixel)),
             "o": Out(stream.Signature(GreyPixel)),
             "info": Out(stream.Signature(FrameInfo)),
+            "texture": Out(stream.Signature(GreyPixel)),
+            "texture_info": Out(stream.Signature(FrameInfo)),
             "level": In(8),
             "learnt": In(1),
+            "tag": In(FrameTag),
+            "tripped": In(1),
+            "tables_valid": In(1),
         })
 
     def elaborate(self, platform):
@@ -48,26 +62,40 @@ class FrameGate(wiring.Component):
 
         inside = Signal()  # the frame's first pixel has been taken
         passing = Signal()  # ... and the frame passes
+        was_texture = Signal()
         number = Signal(16)
         skipped = Signal(8)
 
         mark = self.i.p.mark
+        is_texture = Signal()
         begins = Signal()
         passes = Signal()
+        ready = Signal()
         m.d.comb += [
+            is_texture.eq(Mux(inside, was_texture, self.tag.texture)),
             begins.eq(~inside & ~mark.broken),
-            passes.eq(Mux(inside, passing, begins & self.info.ready)),
-            self.o.payload.eq(self.i.payload),
-            self.o.valid.eq(self.i.valid & passes),
-            self.i.ready.eq(self.o.ready | ~passes),
-            self.info.valid.eq(self.i.valid & begins & self.o.ready),
-            self.info.p.number.eq(number),
-            self.info.p.level.eq(self.level),
-            self.info.p.learning.eq(~self.learnt),
-            self.info.p.skipped.eq(skipped),
+            passes.eq(Mux(inside, passing, begins & Mux(
+                is_texture, self.texture_info.ready, self.info.ready))),
+            ready.eq(Mux(is_texture, self.texture.ready, self.o.ready)),
+            self.i.ready.eq(ready | ~passes),
         ]
+        for pixels, info, mine in ((self.o, self.info, ~is_texture),
+                                   (self.texture, self.texture_info, is_texture)):
+            m.d.comb += [
+                pixels.payload.eq(self.i.payload),
+                pixels.valid.eq(self.i.valid & passes & mine),
+                info.valid.eq(self.i.valid & begins & pixels.ready & mine),
+                info.p.number.eq(number),
+                info.p.level.eq(self.level),
+                info.p.learning.eq(~self.learnt),
+                info.p.skipped.eq(skipped),
+                info.p.tag.eq(self.tag),
+                info.p.tripped.eq(self.tripped),
+                info.p.tables_valid.eq(self.tables_valid),
+            ]
         with m.If(self.i.valid & self.i.ready):
-            m.d.sync += [inside.eq(~mark.frame_end), passing.eq(passes)]
+            m.d.sync += [
+                inside.eq(~mark.frame_end), passing.eq(passes), was_texture.eq(is_texture)]
             with m.If(begins):
                 m.d.sync += number.eq(number + 1)
                 with m.If(passes):

@@ -1,4 +1,4 @@
-"""Which frames pass, and as what they are announced."""
+"""Which frames pass, patterns and texture alike, and as what they are announced."""
 
 __all__ = ["gate"]
 

@@ -2,10 +2,10 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
-from hdl.payloads import FrameInfo, GreyPixel
+from hdl.payloads import FrameInfo, FrameTag, GreyPixel
 from model.acquisition.frame_gate import gate
 from tb.harness import Bench, parameters
-from tb.native_block import pack, unpack
+from tb.native_block import pack
 from tb.preprocessing.frames import BROKEN_GREY, grey_words
 
 
@@ -14,44 +14,49 @@ def words_of(array):
 
 
 class Reader:
-    """The queue behind ``info``: takes at once or not at all, ready only between frames' ends."""
+    """The queues behind both announcements: take at once or not at all."""
 
     def __init__(self, bench):
         self.bench, self.taken = bench, []
-        bench.dut.info_ready.value = 1
         cocotb.start_soon(self._run())
 
     async def _run(self):
         dut = self.bench.dut
         while True:
             await ReadOnly()
-            if not dut.rst.value and dut.info_valid.value and dut.info_ready.value:
-                self.taken.append(dut.info_payload.value.to_unsigned())
+            for name in ("info", "texture_info"):
+                valid, ready, payload = (
+                    getattr(dut, f"{name}_{part}") for part in ("valid", "ready", "payload"))
+                if not dut.rst.value and valid.value and ready.value:
+                    self.taken.append((name, payload.value.to_unsigned()))
             await RisingEdge(dut.clk)
 
 
-def info(number, skipped, level, learning):
-    word = pack(FrameInfo, number=number & 0xFFFF, skipped=skipped, level=level,
-                learning=learning)[0]
-    return int(word[0]) | int(word[1]) << 32
+def word_of(shape, **fields):
+    return sum(int(part) << 32 * n for n, part in enumerate(pack(shape, **fields)[0]))
 
 
-def info_words(taken):
-    return unpack(FrameInfo, np.array([[word & 0xFFFFFFFF, word >> 32] for word in taken],
-                                      dtype=np.uint32).reshape(-1, 2))
+def random_tag(rng):
+    """Fields of a FrameTag."""
+    bits = {"texture": 1, "laser": 1, "capture": 1, "exposure_us": 16, "timestamp_us": 24}
+    return {name: int(rng.integers(1 << width)) for name, width in bits.items()}
+
+
+PLAIN = {"level": 0, "learnt": 0, "info_ready": 1, "texture_info_ready": 1, "tag": 0, "tripped": 0,
+         "tables_valid": 0}
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.4], stall=[0.0, 0.4])
 async def whole_frames_or_none(dut, gap, stall):
-    """Frames whole, broken, and broken before they began; room for the announcement or not."""
+    """Frames of both kinds, whole, broken, and broken before they began; room or not."""
     rng = np.random.default_rng(parameters()["seed"])
-    bench = Bench(dut, gap=gap, stall=stall, seed=parameters()["seed"],
-                  plain={"level": 0, "learnt": 0, "info_ready": 1})
+    bench = Bench(dut, outputs=("o", "texture"), gap=gap, stall=stall, seed=parameters()["seed"],
+                  plain=PLAIN)
     reader = Reader(bench)
     await bench.reset()
-    room, kinds, wanted, levels = [], [], [], []
-    for _ in range(60):
+    room, wanted, states = [], {"o": [], "texture": []}, []
+    for _ in range(80):
         image = rng.integers(0, 256, (3, 4)).astype(np.uint8)
         words = words_of(grey_words(image))
         broken = words_of(BROKEN_GREY)
@@ -60,44 +65,57 @@ async def whole_frames_or_none(dut, gap, stall):
             words = words[:int(rng.integers(1, 12))] + broken
         elif kind == "nothing":
             words = broken
-        kinds.append(kind)
-        ready, level = bool(rng.random() < 0.6), int(rng.integers(256))
-        dut.info_ready.value = ready
-        dut.level.value = level
-        dut.learnt.value = level & 1
+        ready, level, tag = bool(rng.random() < 0.6), int(rng.integers(256)), random_tag(rng)
+        tripped, tables_valid = int(rng.integers(2)), int(rng.integers(2))
+        # Only the announcement of the frame's own kind may matter.
+        dut.info_ready.value = ready ^ tag["texture"]
+        dut.texture_info_ready.value = ready ^ 1 ^ tag["texture"]
+        dut.level.value, dut.learnt.value = level, level & 1
+        dut.tag.value = word_of(FrameTag, **tag)
+        dut.tripped.value, dut.tables_valid.value = tripped, tables_valid
         if kind != "nothing":
             room.append(ready)
-            levels.append(level)
+            states.append({"level": level, "learning": 1 - (level & 1), "tripped": tripped,
+                           "tables_valid": tables_valid,
+                           **{f"tag_{name}": value for name, value in tag.items()}})
             if ready:
-                wanted += words
-        await bench.i.send(words)
+                wanted["texture" if tag["texture"] else "o"] += words
+        first, then = words[:1], words[1:]
+        await bench.i.send(first)
+        if then:
+            # What the tag becomes within the frame is not its matter.
+            dut.tag.value = word_of(FrameTag, **random_tag(rng))
+            await bench.i.send(then)
         if gap or stall:  # the frame's own pixels must not hurt later ones
             await ClockCycles(dut.clk, int(rng.integers(0, 3)))
-    got = await bench.o.receive(len(wanted))
-    assert got == wanted
+    for name in wanted:
+        assert await getattr(bench, name).receive(len(wanted[name])) == wanted[name]
     await ClockCycles(dut.clk, 20)
-    assert not bench.o.words
-    announced = [(*entry, level, 1 - (level & 1))
-                 for entry, level in zip(gate(room), levels, strict=True) if entry is not None]
-    fields = info_words(reader.taken)
-    assert [tuple(int(entry[name]) for name in ("number", "skipped", "level", "learning"))
-            for entry in fields] == announced
+    assert not bench.o.words and not bench.texture.words
+    announced = [
+        ("texture_info" if state["tag_texture"] else "info",
+         word_of(FrameInfo, number=entry[0], skipped=entry[1], **state))
+        for entry, state in zip(gate(room), states, strict=True) if entry is not None]
+    assert reader.taken == announced
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
-async def a_pixel_a_clock(dut):
+@cocotb.parametrize(texture=[0, 1])
+async def a_pixel_a_clock(dut, texture):
     """Nothing waits, passing or not; a whole frame costs as many clocks as it has pixels."""
     rng = np.random.default_rng(parameters()["seed"])
-    bench = Bench(dut, plain={"level": 9, "learnt": 1, "info_ready": 1})
+    bench = Bench(dut, outputs=("o", "texture"), plain=PLAIN | {"tag": texture})
     await bench.reset()
     words = words_of(grey_words(rng.integers(0, 256, (8, 16)).astype(np.uint8))) * 3
+    mine, other = (bench.texture, bench.o) if texture else (bench.o, bench.texture)
+    other.stall = 1.0  # the other kind's reader does not matter
     await bench.i.send(words)
     assert bench.i.taken[-1] - bench.i.taken[0] == len(words) - 1
     await ClockCycles(dut.clk, 2)
-    assert [clock for clock, _ in bench.o.words] == bench.i.taken
-    dut.info_ready.value = 0
+    assert [clock for clock, _ in mine.words] == bench.i.taken
+    (dut.texture_info_ready if texture else dut.info_ready).value = 0
     first = len(bench.i.taken)
-    bench.o.stall = 1.0  # what is thrown away does not wait for the reader either
+    mine.stall = 1.0  # what is thrown away does not wait for the reader either
     await ClockCycles(dut.clk, 2)
     await bench.i.send(words)
     assert bench.i.taken[-1] - bench.i.taken[first] == len(words) - 1
@@ -105,12 +123,17 @@ async def a_pixel_a_clock(dut):
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
 async def skipped_stops_at_255(dut):
-    bench = Bench(dut, plain={"level": 9, "learnt": 1, "info_ready": 0})
+    """... and is told with the next frame that passes, of whichever kind."""
+    bench = Bench(dut, outputs=("o", "texture"),
+                  plain=PLAIN | {"info_ready": 0, "texture_info_ready": 0})
     reader = Reader(bench)
     await bench.reset()
-    dut.info_ready.value = 0
     pixel = int(pack(GreyPixel, mark_line_end=[1], mark_frame_end=[1])[0][0])
     await bench.i.send([pixel] * 300)
-    dut.info_ready.value = 1
-    await bench.i.send([pixel] * 2)
-    assert reader.taken == [info(300, 255, 9, 0), info(301, 0, 9, 0)]
+    dut.info_ready.value = dut.texture_info_ready.value = 1
+    await bench.i.send([pixel])
+    dut.tag.value = 1
+    await bench.i.send([pixel])
+    assert reader.taken == [
+        ("info", word_of(FrameInfo, number=300, skipped=255, learning=1)),
+        ("texture_info", word_of(FrameInfo, number=301, learning=1, tag_texture=1))]

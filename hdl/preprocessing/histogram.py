@@ -12,7 +12,7 @@ __all__ = ["Histogram"]
 
 
 class Histogram(wiring.Component):
-    """Counts the grey values of a frame's middle rows.
+    """Counts the grey values of a frame's middle rows, or of all of them.
 
     From the end of a frame until the next one's first counted row the bins are cleared, one a
     clock; then pixels are counted; while the last rows pass the bins can be read. How many first
@@ -21,10 +21,16 @@ class Histogram(wiring.Component):
     middle are chosen so that no bin can overflow, which leaves some out of frames of more than
     131,071 pixels. ``rows`` holds the first row that is counted and the first one after.
 
+    With ``whole``, frames wait in a memory for their own level, so that there is time between
+    them: all rows count, and the bins are cleared, in 257 clocks, after ``clear``, after a broken
+    frame and after reset. Frames must begin while ``clean`` is high.
+
     Parameters
     ----------
     width, height : :class:`int`
         Frame size in pixels.
+    whole : :class:`bool`
+        Count whole frames.
 
     Members
     -------
@@ -39,12 +45,17 @@ class Histogram(wiring.Component):
         Pixels in it, a clock later.
     done, lost : :py:`Out(1)`
         High for a clock with a frame's last pixel, or when a frame was broken off.
+    clear : :py:`In(1)`
+        With ``whole``: the bins have been read.
+    clean : :py:`Out(1)`
+        With ``whole``: all bins are empty, or a frame is being counted.
     """
 
-    def __init__(self, width, height):
-        self.rows = counted_rows(width, height)
-        self.width, self.height = width, height
+    def __init__(self, width, height, whole=False):
+        self.rows = counted_rows(width, height, whole)
+        self.width, self.height, self.whole = width, height, whole
         super().__init__({
+            **({"clear": In(1), "clean": Out(1)} if whole else {}),
             "i": In(stream.Signature(GreyPixel, always_ready=True)),
             "closed": Out(1),
             "address": In(8),
@@ -56,8 +67,8 @@ class Histogram(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         first, stop = self.rows
-        assert first * self.width >= CLEAR_CLOCKS
-        assert (self.height - stop) * self.width >= Threshold.latency
+        assert self.whole or first * self.width >= CLEAR_CLOCKS
+        assert self.whole or (self.height - stop) * self.width >= Threshold.latency
 
         m.submodules.bins = bins = Memory(shape=BIN_BITS, depth=256, init=[])
         write, read = bins.write_port(), bins.read_port()
@@ -73,14 +84,17 @@ class Histogram(wiring.Component):
             self.lost.eq(self.i.valid & mark.broken),
         ]
         m.d.sync += self.closed.eq(0)
-        with m.If(self.done | self.lost):
-            m.d.sync += [row.eq(0), clearing.eq(1), counting.eq(0)]
-        with m.Elif(pixel & mark.line_end):
-            m.d.sync += row.eq(row + 1)
-            with m.If(row == first - 1):
-                m.d.sync += [clearing.eq(0), counting.eq(1)]
-            with m.If(row == stop - 1):
-                m.d.sync += [counting.eq(0), self.closed.eq(1)]
+        if self.whole:
+            self._whole_frames(m, row, clearing, counting)
+        else:
+            with m.If(self.done | self.lost):
+                m.d.sync += [row.eq(0), clearing.eq(1), counting.eq(0)]
+            with m.Elif(pixel & mark.line_end):
+                m.d.sync += row.eq(row + 1)
+                with m.If(row == first - 1):
+                    m.d.sync += [clearing.eq(0), counting.eq(1)]
+                with m.If(row == stop - 1):
+                    m.d.sync += [counting.eq(0), self.closed.eq(1)]
 
         # A pixel's bin is read in its clock and written in the next one. The very next pixel reads
         # the old count then: if it is of the same grey, it goes on from what was just written.
@@ -104,3 +118,23 @@ class Histogram(wiring.Component):
             before.eq(after),
         ]
         return m
+
+    def _whole_frames(self, m, row, clearing, counting):
+        first, stop = self.rows
+        line_end = self.i.valid & self.i.p.mark.line_end
+        cleared = Signal(9)  # its top bit ends the clearing
+        with m.If(clearing):
+            m.d.sync += cleared.eq(cleared + 1)
+            with m.If(cleared[-1]):
+                m.d.sync += [clearing.eq(0), self.clean.eq(1), counting.eq(first == 0)]
+        with m.Elif(self.clear | self.lost):
+            m.d.sync += [
+                row.eq(0), cleared.eq(0), clearing.eq(1), self.clean.eq(0), counting.eq(0)]
+        with m.Elif(self.done):
+            m.d.sync += [row.eq(0), self.clean.eq(0), counting.eq(0), self.closed.eq(1)]
+        with m.Elif(line_end):
+            m.d.sync += row.eq(row + 1)
+            with m.If(row == first - 1):
+                m.d.sync += counting.eq(1)
+            with m.If(row == stop - 1):
+                m.d.sync += counting.eq(0)

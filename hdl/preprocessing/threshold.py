@@ -14,8 +14,11 @@ _LATENCY = 832
 _SIGNIFICANT = 64  # a mode's smoothed peak holds more than one pixel in so many
 
 
-def counted_rows(width, height):
+def counted_rows(width, height, whole=False):
     """First row of a frame that is counted, and the first one after: as many as no bin overflows.
+
+    Unless the ``whole`` frame counts, the bins take the time of its first rows to be cleared and
+    of its last rows to be read.
 
     Raises
     ------
@@ -25,7 +28,9 @@ def counted_rows(width, height):
     for name, value in (("width", width), ("height", height)):
         if not isinstance(value, int) or not 1 <= value <= 512:
             raise ValueError(f"Frame {name} must be an integer from 1 to 512, not {value!r}")
-    first, stop = -(-CLEAR_CLOCKS // width), height - -(-_LATENCY // width)
+    first, stop = 0, height
+    if not whole:
+        first, stop = -(-CLEAR_CLOCKS // width), height - -(-_LATENCY // width)
     if stop <= first:
         raise ValueError(f"A frame of {width} x {height} pixels is too small to learn a "
                          f"threshold from: it must have more than {first + height - stop} rows")
@@ -34,21 +39,24 @@ def counted_rows(width, height):
 
 
 class Threshold(wiring.Component):
-    """T = mean + alpha sigma of the background, learnt on the frame before.
+    """T = mean + alpha sigma of the background, learnt on the frame before, or on a whole frame.
 
     Reads the bins twice once a frame's histogram is closed: from black to find the first mode,
     then from its peak outwards, up and down, to sum it. T = 1 + peak + sum / pixels by counting
     subtractions; the definitions are those of ``model/preprocessing/threshold.py`` (the paper's
     Section VI).
 
-    The result is ready :attr:`latency` clocks after ``closed`` at the latest, and comes into force
-    with ``done``, so that the next frame's first pixel meets it. After ``lost`` the old one stays:
-    a lost frame does not cost the next one.
+    The result is ready :attr:`latency` clocks after ``closed`` at the latest, when ``known`` rises,
+    and comes into force with ``done``, so that the next frame's first pixel meets it. After
+    ``lost`` the old one stays: a lost frame does not cost the next one.
 
     Parameters
     ----------
     width, height : :class:`int`
         Frame size in pixels.
+    whole : :class:`bool`
+        The histogram is that of a whole frame, which waits for its own level: ``done`` is then
+        driven by ``known``.
 
     Members
     -------
@@ -60,6 +68,8 @@ class Threshold(wiring.Component):
         Use ``fixed_level`` instead.
     fixed_level : :py:`In(8)`
         Level to be used then.
+    known : :py:`Out(1)`
+        The result is there, until ``done`` or ``lost``.
     level : :py:`Out(8)`
         Smallest grey value that is lit.
     learnt : :py:`Out(1)`
@@ -69,8 +79,8 @@ class Threshold(wiring.Component):
     #: Clocks from ``closed`` to the result at most: two scans and a division.
     latency = _LATENCY
 
-    def __init__(self, width, height):
-        first, stop = counted_rows(width, height)
+    def __init__(self, width, height, whole=False):
+        first, stop = counted_rows(width, height, whole)
         self.pixels = (stop - first) * width
         super().__init__({
             "closed": In(1),
@@ -81,6 +91,7 @@ class Threshold(wiring.Component):
             "alpha": In(8),
             "fixed": In(1),
             "fixed_level": In(8),
+            "known": Out(1),
             "level": Out(8),
             "learnt": Out(1),
         })
@@ -91,7 +102,7 @@ class Threshold(wiring.Component):
         # What it is at, one bit each, and `start`, from which a scan goes. Everything that steers
         # a sum or a count comes straight from a register: what is decided late only enables.
         idle, start = Signal(init=1), Signal(init=1)
-        finding, summing, dividing, known = Signal(), Signal(), Signal(), Signal()
+        finding, summing, dividing, known = Signal(), Signal(), Signal(), self.known
         down = Signal()
 
         # A scan brings the bins in one after the other, up or down, from `place`; `age` counts the

@@ -23,6 +23,13 @@ def test_rows_are_the_models_and_fit(width, height):
     assert (height - stop) * width >= 800, "no time to find the level"
 
 
+@pytest.mark.parametrize("width,height,rows", [
+    (352, 288, (0, 288)), (64, 4, (0, 4)), (512, 512, (128, 383)), (512, 256, (0, 255))])
+def test_rows_of_whole_frames(width, height, rows):
+    assert Histogram(width, height, whole=True).rows == rows
+    assert counted_rows(width, height, whole=True) == rows
+
+
 @pytest.mark.parametrize("size,error", [
     ((0, 64), "Frame width must be an integer from 1 to 512, not 0"),
     ((64, 513), "Frame height must be an integer from 1 to 512, not 513"),

@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from amaranth.hdl import Module
+from amaranth.hdl import C, Module
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -19,23 +19,30 @@ from tb.system.stimuli import directed_frames, random_frame
 
 
 class Learner(wiring.Component):
-    """Histogram and threshold beside a stream of frames that only passes by."""
+    """Histogram and threshold beside a stream of frames that only passes by.
 
-    def __init__(self, width, height):
-        self.width, self.height = width, height
+    With ``whole`` the stream waits between frames until the bins are clean.
+    """
+
+    def __init__(self, width, height, whole=False):
+        self.width, self.height, self.whole = width, height, whole
         super().__init__({
             "i": In(stream.Signature(GreyPixel)), "o": Out(stream.Signature(GreyPixel)),
             "alpha": In(8), "level": Out(8), "learnt": Out(1)})
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.histogram = bins = Histogram(self.width, self.height)
-        m.submodules.threshold = level = Threshold(self.width, self.height)
+        m.submodules.histogram = bins = Histogram(self.width, self.height, self.whole)
+        m.submodules.threshold = level = Threshold(self.width, self.height, self.whole)
+        passes = bins.clean if self.whole else C(1)
+        if self.whole:
+            m.d.comb += bins.clear.eq(level.known)
         m.d.comb += [
-            self.o.valid.eq(self.i.valid), self.o.payload.eq(self.i.payload),
-            self.i.ready.eq(self.o.ready),
+            self.o.valid.eq(self.i.valid & passes), self.o.payload.eq(self.i.payload),
+            self.i.ready.eq(self.o.ready & passes),
             bins.i.valid.eq(self.i.valid & self.i.ready), bins.i.payload.eq(self.i.payload),
-            level.closed.eq(bins.closed), level.done.eq(bins.done), level.lost.eq(bins.lost),
+            level.closed.eq(bins.closed),
+            level.done.eq(level.known if self.whole else bins.done), level.lost.eq(bins.lost),
             bins.address.eq(level.address), level.count.eq(bins.count),
             level.alpha.eq(self.alpha), self.level.eq(level.level), self.learnt.eq(level.learnt)]
         return m
@@ -86,6 +93,35 @@ def test_a_lost_frame_costs_no_other(seed):
             block.stream(words, seed=number)
             level, learnt = threshold(histogram(image), 80), 1
         assert (block.get("level"), block.get("learnt")) == (level, learnt), f"frame {number}"
+
+
+@pytest.mark.parametrize("width,height,frames,gap", [
+    (64, 64, 60, 0.0), (64, 64, 30, 0.3), (352, 288, 6, 0.0), (32, 20, 60, 0.0),
+    (512, 512, 2, 0.0)])
+def test_whole_frames(width, height, frames, gap):
+    """The level of a frame is that of all its pixels, and known a little later."""
+    rng = np.random.default_rng([width, frames, 5])
+    block = NativeBlock(Learner(width, height, whole=True))
+    block.reset()
+    images = list(directed_frames(width, height).values())[:frames // 3]
+    images += [random_frame(width, height, seed) for seed in range(frames - len(images))]
+    level = None
+    for number, image in enumerate(images):
+        alpha = int(rng.choice([16, 48, 80, 255]))
+        block.set(alpha=alpha)
+        words = grey_words(image)
+        if rng.random() < 0.3:
+            cut = int(rng.integers(1, len(words)))
+            block.stream(np.concatenate([words[:cut], BROKEN_GREY]), gap, seed=number)
+        block.stream(words, gap, seed=number)
+        assert level is None or block.get("level") == level
+        block.stream(words[:0], idle=Threshold.latency + 2)
+        level = threshold(histogram(image, whole=True), alpha)
+        assert (block.get("level"), block.get("learnt")) == (level, 1), f"frame {number}"
+        start = block.clocks
+        taken = block.stream(words[:1]).taken[0] - start
+        assert taken <= 260, "the bins take too long to be cleared"
+        block.stream(BROKEN_GREY)
 
 
 @pytest.mark.parametrize("size", [(0, 64), (64, 18), (64, None)])

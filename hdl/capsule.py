@@ -210,7 +210,7 @@ class Capsule(wiring.Component):
         ]
 
         # Tables. Depth and reciprocals share a memory, each block with a port of its own.
-        m.submodules.shared_table = shared_table = spot_side(TableMemory())
+        m.submodules.shared_table = shared_table = spot_side(TableMemory(config.beams))
         write = {memory: Signal(name=f"write_{memory.name.lower()}") for memory in TableSelect}
         m.d.comb += [
             *(write[memory].eq(self.table_enable & (self.table_select == memory))

@@ -27,8 +27,9 @@ class Epipolar(wiring.Component):
     Without a hit it is rejected if it is on some line, else noise. Spots that come in rejected,
     and end marks, take their time but pass.
 
-    A tolerance of zero disables a beam; all are disabled until they are written. A word may be
-    written at any time; what is being matched meanwhile may come out wrong.
+    A tolerance of zero disables a beam; all are disabled until they are written. The words lie in
+    two banks. A word may be written or read back at any time; what is being matched meanwhile may
+    come out wrong.
 
     Paper, section on the 3-D unit: estimation block, comparison block, encoder; all K lines at
     once there, here on P lanes. The window is ours.
@@ -47,16 +48,23 @@ class Epipolar(wiring.Component):
         Spots and end marks.
     o : :py:`Out(stream.Signature(Match))`
         The same, in the same order.
-    write_enable : :py:`In(1)`
-        Write the two words below.
+    bank : :py:`In(1)`
+        Bank of the words that spots are tried on. May change while no spot is under way.
+    write_bank : :py:`In(1)`
+        Bank that is written and read back.
+    write_enable, read_enable : :py:`In(1)`
+        Write the two words below, or read them back.
     write_address : :py:`In(7)`
-        Beam whose words are written. Words at ``beams`` and above are never used.
+        Beam whose words are written or read. Words at ``beams`` and above are never used.
     write_line : :py:`In(36)`
         Slope (signed 18 bits, Q0.17) and offset (signed 18 bits, Q9.9 pixels), slope in the low
         bits.
     write_window : :py:`In(36)`
         Tolerance (unsigned 9 bits, Q4.5 pixels), ``u_min`` and ``u_max`` (signed 13 bits each,
         Q9.4 pixels), in this order from the low bits.
+    read_line, read_window : :py:`Out(36)`
+        Such words, in the clock after ``read_enable``. With more than two lanes there are several
+        copies of each; these are the first.
 
     Attributes
     ----------
@@ -78,10 +86,15 @@ class Epipolar(wiring.Component):
         super().__init__({
             "i": In(stream.Signature(Undistorted)),
             "o": Out(stream.Signature(Match)),
+            "bank": In(1),
+            "write_bank": In(1),
             "write_enable": In(1),
+            "read_enable": In(1),
             "write_address": In(7),
             "write_line": In(_WORD_BITS),
             "write_window": In(_WORD_BITS),
+            "read_line": Out(_WORD_BITS),
+            "read_window": Out(_WORD_BITS),
         })
 
     def elaborate(self, platform):
@@ -247,26 +260,32 @@ class Epipolar(wiring.Component):
     def _read(self, m, run, base):
         """Line and window word of each lane, a clock after ``base``."""
         words = []
+        host = Signal()
+        m.d.comb += host.eq(self.write_enable | self.read_enable)
         for pair in range(0, self.lanes, 2):
-            # A write borrows the address of the first read port: with two ports in all, a memory
+            # The host borrows the address of the first read port: with two ports in all, a memory
             # fits into one dual-port block RAM.
-            address = Signal(7, name=f"address_{pair}")
-            m.d.comb += address.eq(Mux(self.write_enable, self.write_address, base + pair))
+            address = Signal(8, name=f"address_{pair}")
+            m.d.comb += address.eq(Mux(
+                host, Cat(self.write_address, self.write_bank),
+                Cat((base + pair)[:7], self.bank)))
             ports = {}
             for name, data in [("lines", self.write_line), ("windows", self.write_window)]:
-                memory = Memory(shape=_WORD_BITS, depth=128, init=[])
+                memory = Memory(shape=_WORD_BITS, depth=256, init=[])
                 m.submodules[f"{name}_{pair}"] = memory
                 write = memory.write_port()
                 read = memory.read_port()
                 m.d.comb += [
                     write.addr.eq(address), write.data.eq(data), write.en.eq(self.write_enable),
-                    read.addr.eq(address), read.en.eq(run | self.write_enable),
+                    read.addr.eq(address), read.en.eq(run | host),
                 ]
                 ports[name] = [read]
                 if pair + 1 < self.lanes:
                     second = memory.read_port()
-                    m.d.comb += [second.addr.eq(base + pair + 1), second.en.eq(run)]
+                    m.d.comb += [
+                        second.addr.eq(Cat((base + pair + 1)[:7], self.bank)), second.en.eq(run)]
                     ports[name].append(second)
             words += [(line.data, window.data)
                       for line, window in zip(ports["lines"], ports["windows"], strict=True)]
+        m.d.comb += [self.read_line.eq(words[0][0]), self.read_window.eq(words[0][1])]
         return words

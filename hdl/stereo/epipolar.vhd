@@ -26,12 +26,19 @@ entity epipolar is
     o_ready : in std_logic;
     -- x, v, u (18 bits each), area (8), beam (7), status (2), end
     o_payload : out std_logic_vector(71 downto 0);
+    -- Bank that is tried, and bank that is written and read back.
+    bank : in std_logic;
+    write_bank : in std_logic;
     write_enable : in std_logic;
+    read_enable : in std_logic;
     write_address : in std_logic_vector(6 downto 0);
     -- offset (18 bits), slope (18)
     write_line : in std_logic_vector(35 downto 0);
     -- unused, u_max (13 bits), u_min (13), tolerance (9)
-    write_window : in std_logic_vector(35 downto 0)
+    write_window : in std_logic_vector(35 downto 0);
+    -- Such words, in the clock after read_enable.
+    read_line : out std_logic_vector(35 downto 0);
+    read_window : out std_logic_vector(35 downto 0)
   );
 end entity;
 
@@ -47,7 +54,8 @@ architecture rtl of epipolar is
 
   subtype word is std_logic_vector(35 downto 0);
   subtype beam_index is unsigned(6 downto 0);
-  type memory is array (127 downto 0) of word;
+  subtype word_address is unsigned(7 downto 0);
+  type memory is array (255 downto 0) of word;
   type lane_words is array (2 * pairs - 1 downto 0) of word;
 
   -- What is known of a spot without its match: x, v, u, area, rejected, end.
@@ -153,16 +161,21 @@ begin
     end if;
   end process;
 
-  -- A write borrows the address of the first read port: with two ports in all, a memory fits into
+  read_line <= line_words(0);
+  read_window <= window_words(0);
+
+  -- The host borrows the address of the first read port: with two ports in all, a memory fits into
   -- one dual-port block RAM.
   store : for pair in 0 to pairs - 1 generate
     signal lines, windows : memory := (others => (others => '0'));
-    signal address, second : beam_index;
-    signal enable : std_logic;
+    signal address, second : word_address;
+    signal host, enable : std_logic;
   begin
-    address <= unsigned(write_address) when write_enable = '1' else beam_of(base, 2 * pair);
-    second <= beam_of(base, 2 * pair + 1);
-    enable <= run or write_enable;
+    host <= write_enable or read_enable;
+    address <= unsigned(write_bank & write_address) when host = '1'
+               else bank & beam_of(base, 2 * pair);
+    second <= bank & beam_of(base, 2 * pair + 1);
+    enable <= run or host;
 
     first_port : process (clk)
     begin

@@ -67,10 +67,17 @@ class Undistort(wiring.Component):
         Principal point, unsigned Q9.9 pixels.
     tangential_1, tangential_2 : :py:`In(signed(18))`
         p1 and p2 over the focal length in pixels, times 2**27.
+    bank : :py:`In(1)`
+        Bank of the table that is looked up. May change while no spot is under way.
+    write_bank : :py:`In(1)`
+        Bank that is written and read back.
     radial_write_enable : :py:`In(1)`
         Write a word of the table in this clock.
     radial_write_address, radial_write_data : :py:`In(10)`, :py:`In(18)`
         Which, and the word. All words are zero until they are written.
+    radial_read_data : :py:`Out(18)`
+        The word at that address, one clock later, in every clock; after a write, what was there
+        before. Nothing is borrowed: spots may pass meanwhile.
 
     Attributes
     ----------
@@ -99,9 +106,12 @@ class Undistort(wiring.Component):
             "principal_v": In(COORDINATE_BITS),
             "tangential_1": In(signed(18)),
             "tangential_2": In(signed(18)),
+            "bank": In(1),
+            "write_bank": In(1),
             "radial_write_enable": In(1),
             "radial_write_address": In(10),
             "radial_write_data": In(_WORD_BITS),
+            "radial_read_data": Out(_WORD_BITS),
         })
 
     @property
@@ -213,9 +223,10 @@ class Undistort(wiring.Component):
             outside.append(total[19:].any() & ~total[19:].all())
 
         # Across the lanes: a sum of two products, or a product and a word of the table.
-        m.submodules.scales = scales = Memory(shape=signed(_WORD_BITS), depth=1024, init=[])
+        m.submodules.scales = scales = Memory(shape=signed(_WORD_BITS), depth=2048, init=[])
         write = scales.write_port()
         read = scales.read_port()
+        read_back = scales.read_port()
         across = Signal(signed(25))
         m.d.comb += across.eq((products[0] >> _SUM_SHIFT) + Mux(
             use_word, read.data, products[1] >> _SUM_SHIFT))
@@ -224,14 +235,20 @@ class Undistort(wiring.Component):
 
         radius = across[self.radius_bits - _SUM_SHIFT:]
         segment = Signal(_SEGMENT_ADDRESS_BITS)
+        looked_up = Signal(_SEGMENT_ADDRESS_BITS)
+        host_address = Signal(11)
         m.d.comb += [
+            looked_up.eq(Mux(in_radius, radius[_SEGMENT_BITS:], segment)),
+            host_address.eq(Cat(self.radial_write_address, self.write_bank)),
             read.en.eq(1),
             # The slope, and then the value; the first time only that.
-            read.addr.eq(Cat(in_radius & ~first,
-                             Mux(in_radius, radius[_SEGMENT_BITS:], segment))),
+            read.addr.eq(Cat(in_radius & ~first, looked_up, self.bank)),
             write.en.eq(self.radial_write_enable),
-            write.addr.eq(self.radial_write_address),
+            write.addr.eq(host_address),
             write.data.eq(self.radial_write_data),
+            read_back.en.eq(1),
+            read_back.addr.eq(host_address),
+            self.radial_read_data.eq(read_back.data),
         ]
         with m.If(in_radius):
             m.d.sync += [segment.eq(radius[_SEGMENT_BITS:]), fraction.eq(radius)]

@@ -4,7 +4,7 @@ import random
 
 import cocotb
 import numpy as np
-from cocotb.triggers import ClockCycles, RisingEdge
+from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
 from model.stereo.epipolar import match, pack_line, pack_window
 from tb.harness import Bench, parameters
@@ -41,12 +41,14 @@ def expected(spots, line, window):
 
 def make(dut, gap=0.0, stall=0.0, seed=1):
     return Bench(dut, gap=gap, stall=stall, seed=seed, plain={
-        "write_enable": 0, "write_address": 0, "write_line": 0, "write_window": 0})
+        "bank": 0, "write_bank": 0, "write_enable": 0, "read_enable": 0, "write_address": 0,
+        "write_line": 0, "write_window": 0})
 
 
-async def load(bench, line, window):
+async def load(bench, line, window, bank=0):
     """Write the words of all beams, and what must not matter beyond them."""
     dut = bench.dut
+    dut.write_bank.value = bank
     full = [(beam, int(line[beam]), int(window[beam])) for beam in range(BEAMS)]
     full += [(beam, 0, (1 << 9) - 1 | 0x1000 << 9 | 0xFFF << 22) for beam in range(BEAMS, 128)]
     for address, first, second in full:
@@ -128,6 +130,51 @@ async def spots_match_model(dut, gap, stall):
         for at in (0, 1, 20, 59):
             spots[at] = END
         await compare(bench, spots, line, window)
+
+
+async def read_back(bench, bank):
+    """Words of all beams as the host reads them, one after the other."""
+    dut = bench.dut
+    dut.write_bank.value = bank
+    line, window = [], []
+    for beam in range(BEAMS + 1):
+        dut.read_enable.value = beam < BEAMS
+        dut.write_address.value = beam % BEAMS
+        await ReadOnly()
+        if beam:
+            line.append(int(dut.read_line.value))
+            window.append(int(dut.read_window.value))
+        await RisingEdge(dut.clk)
+    return line, window
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def banks_are_apart(dut):
+    """What is tried is one bank's, what is written and read back the other's."""
+    bench = make(dut)
+    await bench.reset()
+    rng = random.Random(3)
+    tables = [random_tables(rng, spread) for spread in (2900, 1500)]
+    for bank in (0, 1):
+        await load(bench, *tables[bank], bank)
+    for bank in (1, 0, 1, 0):
+        dut.bank.value = bank
+        for _ in range(2):
+            spots = [near_a_line(rng, *tables[bank]) for _ in range(30)]
+            await compare(bench, spots, *tables[bank])
+            # The other bank, new before the second round.
+            line, window = await read_back(bench, 1 - bank)
+            assert line == [int(word) for word in tables[1 - bank][0]]
+            assert window == [int(word) for word in tables[1 - bank][1]]
+            tables[1 - bank] = random_tables(rng, 2900)
+            await load(bench, *tables[1 - bank], 1 - bank)
+    # A result that waits to be taken holds the pipeline, not the host.
+    bench.o.stall = 1.0
+    await bench.i.send([undistorted(*random_spot(rng))])
+    await ClockCycles(dut.clk, 2 * GROUPS + 9)
+    line, window = await read_back(bench, 1)
+    assert line == [int(word) for word in tables[1][0]]
+    assert window == [int(word) for word in tables[1][1]]
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")

@@ -1,10 +1,11 @@
 """Bench of the undistortion block: what leaves equals the model's places."""
 
+import dataclasses
 import random
 
 import cocotb
 import numpy as np
-from cocotb.triggers import ClockCycles, RisingEdge
+from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
 from model.stereo.undistort import undistort
 from tb.harness import Bench, parameters
@@ -14,8 +15,8 @@ SEED, LENS = parameters()["seed"], parameters()["lens"]
 LATENCY, ROUNDS = parameters()["latency"], parameters()["rounds"]
 SETTINGS, (WIDTH, HEIGHT), _ = lens_settings(LENS)
 END = None
-PLAIN = ("principal_u", "principal_v", "tangential_1", "tangential_2", "radial_write_enable",
-         "radial_write_address", "radial_write_data")
+PLAIN = ("principal_u", "principal_v", "tangential_1", "tangential_2", "bank", "write_bank",
+         "radial_write_enable", "radial_write_address", "radial_write_data")
 
 
 def word(spot):
@@ -63,6 +64,24 @@ class Rig(Bench):
             await RisingEdge(dut.clk)
         dut.radial_write_enable.value = 0
         await RisingEdge(dut.clk)
+
+    async def swap(self, radial):
+        """Read the other bank back, write ``radial`` to it; the table's words until then."""
+        dut, words = self.dut, []
+        dut.write_bank.value = 1 - int(dut.bank.value)
+        for address in range(1025):
+            dut.radial_write_address.value = address % 1024
+            await ReadOnly()
+            if address:
+                words.append(int(dut.radial_read_data.value))
+            await RisingEdge(dut.clk)
+        for address, value in enumerate(radial):
+            dut.radial_write_enable.value = 1
+            dut.radial_write_address.value = address
+            dut.radial_write_data.value = value
+            await RisingEdge(dut.clk)
+        dut.radial_write_enable.value = 0
+        return words
 
     async def compare(self, spots):
         sending = cocotb.start_soon(self.i.send([word(spot) for spot in spots]))
@@ -114,6 +133,25 @@ async def settings_change_between_frames(dut):
     for number in range(6):
         await bench.load(random_settings(SEED * 100 + number))
         await bench.compare([random_spot(rng, 0.5) for _ in range(40)] + [END])
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def banks_are_apart(dut):
+    """While spots pass, the other bank is read back and written; then the two change places."""
+    bench = Rig(dut)
+    await bench.reset()
+    rng = random.Random(SEED)
+    await bench.load(SETTINGS)
+    other = [0] * 1024
+    for number in range(4):
+        new = random_settings(SEED * 10 + number)
+        swapping = cocotb.start_soon(bench.swap(new.radial))
+        await bench.compare([random_spot(rng, 0.5) for _ in range(2050 // LATENCY)])
+        assert await swapping == other
+        other = list(bench.settings.radial)
+        dut.bank.value = 1 - int(dut.bank.value)
+        bench.settings = dataclasses.replace(bench.settings, radial=new.radial)
+        await bench.compare([random_spot(rng, 0.5) for _ in range(20)])
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")

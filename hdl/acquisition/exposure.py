@@ -1,0 +1,105 @@
+"""Reset and integration times of the imager."""
+
+from amaranth import *
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+__all__ = ["Exposure"]
+
+
+class Exposure(wiring.Component):
+    """Takes one exposure: reset, integration, and the pulse that begins the read-out.
+
+    A clock after ``start``, ``sensor_reset`` rises for ``reset_us`` microseconds; with its last
+    clock over, ``sensor_integrate`` is high for ``exposure_us`` microseconds, then ``sensor_read``
+    for one. Microseconds are counted from there, so that all times are exact to the clock. The
+    values are heard with ``start`` alone, which counts only while ``busy`` is low; 0 means 1. The
+    pins come from flip-flops, and are low in reset.
+
+    Parameters
+    ----------
+    clock_hz : :class:`int`
+        The system's clock, a multiple of 1 MHz.
+
+    Members
+    -------
+    start : :py:`In(1)`
+        Begins an exposure.
+    reset_us, exposure_us : :py:`In(16)`, :py:`In(16)`
+        Microseconds, 1 to 65,535.
+    laser : :py:`In(1)`
+        Ask for the laser during the integration.
+    sensor_reset : :py:`Out(1)`
+        All pixels are held at dark.
+    sensor_integrate : :py:`Out(1)`
+        The global shutter is open.
+    sensor_read : :py:`Out(1)`
+        The read-out begins.
+    laser_request : :py:`Out(1)`
+        High with ``sensor_integrate``, if asked for.
+    integrated : :py:`Out(1)`
+        High in the clock after the integration's last.
+    done : :py:`Out(1)`
+        High in the clock after the last of ``sensor_read``.
+    busy : :py:`Out(1)`
+        From the clock after ``start`` to the last of ``sensor_read``.
+    """
+
+    #: Clocks from ``start`` to ``sensor_reset``.
+    latency = 1
+
+    def __init__(self, clock_hz):
+        if not isinstance(clock_hz, int) or clock_hz < 1_000_000 or clock_hz % 1_000_000:
+            raise ValueError(
+                f"The clock must be a whole number of megahertz, in hertz, not {clock_hz!r}")
+        self.clocks = clock_hz // 1_000_000
+        super().__init__({
+            "start": In(1),
+            "reset_us": In(16),
+            "exposure_us": In(16),
+            "laser": In(1),
+            "sensor_reset": Out(1),
+            "sensor_integrate": Out(1),
+            "sensor_read": Out(1),
+            "laser_request": Out(1),
+            "integrated": Out(1),
+            "done": Out(1),
+            "busy": Out(1),
+        })
+
+    def elaborate(self, platform):
+        m = Module()
+
+        prescaler = Signal(range(max(2, self.clocks)))
+        remaining = Signal(16)  # microseconds of this phase, the present one included
+        exposure = Signal(16)
+        laser = Signal()
+        over = Signal()  # this is the phase's last clock
+        m.d.comb += [
+            self.busy.eq(self.sensor_reset | self.sensor_integrate | self.sensor_read),
+            over.eq((prescaler == 0) & ~remaining[1:].any()),
+        ]
+        m.d.sync += [self.integrated.eq(self.sensor_integrate & over),
+                     self.done.eq(self.sensor_read & over)]
+
+        with m.If(~self.busy):
+            m.d.sync += [
+                self.sensor_reset.eq(self.start),
+                remaining.eq(self.reset_us),
+                exposure.eq(self.exposure_us),
+                laser.eq(self.laser),
+                prescaler.eq(self.clocks - 1),
+            ]
+        with m.Else():
+            m.d.sync += prescaler.eq(prescaler - 1)
+            with m.If(prescaler == 0):
+                m.d.sync += [prescaler.eq(self.clocks - 1), remaining.eq(remaining - 1)]
+            with m.If(over):
+                m.d.sync += [
+                    remaining.eq(Mux(self.sensor_reset, exposure, 1)),
+                    self.sensor_reset.eq(0),
+                    self.sensor_integrate.eq(self.sensor_reset),
+                    self.laser_request.eq(self.sensor_reset & laser),
+                    self.sensor_read.eq(self.sensor_integrate),
+                ]
+        return m

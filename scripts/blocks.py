@@ -74,7 +74,7 @@ class Block:
 
 #: Every block, in the order in which data flows.
 BLOCKS = tuple(Block(name, unit) for unit, names in {
-    "acquisition": "laser_guard camera frame_gate",
+    "acquisition": "exposure laser_guard camera frame_gate",
     "preprocessing": "histogram threshold binarise erosion labelling spot_queue centre",
     "stereo": "undistort epipolar depth",
     "link": "packet uart_tx",

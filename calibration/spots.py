@@ -3,7 +3,7 @@
 import numpy as np
 
 from calibration.identity import PlaneSpots
-from model.paper import corrected_spots, places
+from model.paper import corrected_spots
 from model.preprocessing.binarise import binarise
 from model.preprocessing.centre import centres
 from model.preprocessing.erosion import erode
@@ -11,6 +11,7 @@ from model.preprocessing.histogram import histogram
 from model.preprocessing.labelling import label
 from model.preprocessing.spot_queue import screen
 from model.preprocessing.threshold import threshold
+from model.stereo.recentre import recentre
 
 __all__ = ["find_spots"]
 
@@ -61,7 +62,7 @@ def find_spots(name, z_mm, image, settings, lens):
 def _corrected(name, z_mm, image, settings, lens):
     level, spots, _ = corrected_spots(image, settings)
     spots = spots[spots["rejected"] == 0]
-    x, y, _ = places(*centres(spots, settings.reciprocal), lens.width, lens.height)
+    x, y, _ = recentre(*centres(spots, settings.reciprocal), lens.width, lens.height)
     x, y = x * _LSB_PX, y * _LSB_PX
     u, v = lens.distort(x, y)
     return PlaneSpots(name=name, z_mm=float(z_mm), u=u, v=v, x=x, y=y,

@@ -13,27 +13,9 @@ from model.preprocessing.spot_queue import screen
 from model.preprocessing.threshold import threshold
 from model.stereo.depth import inverse_depth
 from model.stereo.epipolar import match
+from model.stereo.recentre import recentre
 
-__all__ = ["Paper", "corrected_spots", "places"]
-
-
-def places(u, v, width, height):
-    """Centres in the corrected image as undistorted places, about the image centre.
-
-    Returns
-    -------
-    x, y : arrays of int64
-        Signed Q9.9 pixels, as 18 bits hold them.
-    ok : array of :class:`bool`
-        Both lie within +-256 px, which they do for every pixel of the image.
-    """
-    result, ok = [], True
-    for centre, size in ((u, width), (v, height)):
-        place = np.asarray(centre, dtype=np.int64) - (size - 1) * 256
-        wrapped = ((place + (1 << 17)) & 0x3FFFF) - (1 << 17)
-        ok = ok & (place == wrapped)
-        result.append(wrapped)
-    return (*result, ok)
+__all__ = ["Paper", "corrected_spots"]
 
 
 def corrected_spots(image, settings):
@@ -97,7 +79,7 @@ class Paper:
         settings = self.settings
         level, spots, counts = corrected_spots(image, settings)
         u, v = centres(spots, settings.reciprocal)
-        x, y, inside = places(u, v, self.width, self.height)
+        x, y, inside = recentre(u, v, self.width, self.height)
         status, beam = match(x, y, spots["rejected"] | ~inside, settings.line, settings.window)
         status, beam, inverse_z = inverse_depth(x, beam, status, settings.depth)
         points = np.zeros(len(spots), POINT)

@@ -75,10 +75,10 @@ class Block:
 #: Every block, in the order in which data flows.
 BLOCKS = tuple(Block(name, unit) for unit, names in {
     "acquisition": "exposure laser_guard camera frame_gate",
-    "preprocessing": "histogram threshold binarise erosion labelling spot_queue centre",
-    "stereo": "undistort epipolar depth",
+    "preprocessing": "histogram threshold remap binarise erosion labelling spot_queue centre",
+    "stereo": "undistort recentre epipolar depth",
     "link": "packet uart_tx",
-    "common": "table_memory stage point_fifo",
+    "common": "table_memory stage point_fifo sram",
 }.items() for name in names.split())
 #: The whole design.
 TOP = Block("capsule", "")

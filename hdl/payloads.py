@@ -11,7 +11,8 @@ from amaranth.lib import data, enum
 __all__ = [
     "FRACTION_BITS", "COORDINATE_BITS", "AREA_LIMIT", "Mark", "GreyPixel", "MaskPixel", "Spot",
     "QueuedSpot", "Counts", "Centre", "Undistorted", "Status", "Match", "Point", "FrameInfo",
-    "FrameTag", "PacketOctet",
+    "FrameTag", "PacketOctet", "MemoryCommand",
+    "StoredFrame",
 ]
 
 #: Bits behind the binary point of a coordinate in pixels.
@@ -183,3 +184,19 @@ class PacketOctet(data.Struct):
 
     data: 8
     last: 1
+
+
+class MemoryCommand(data.Struct):
+    """An access to the external memory; ``lanes`` tells which bytes a write changes."""
+
+    write: 1
+    address: 19
+    data: 32
+    lanes: 4
+
+
+class StoredFrame(data.Struct):
+    """What a frame store keeps of a frame besides its pixels."""
+
+    number: 16
+    texture: 1

@@ -39,6 +39,8 @@ class FrameGate(wiring.Component):
         How the frame was exposed; heard with its first pixel.
     tripped, tables_valid : :py:`In(1)`
         State of the laser guard and of the tables, for the announcement.
+    lost : :py:`Out(8)`
+        Frames that were thrown away since reset; stops at 255.
     """
 
     latency = 0
@@ -55,6 +57,7 @@ class FrameGate(wiring.Component):
             "tag": In(FrameTag),
             "tripped": In(1),
             "tables_valid": In(1),
+            "lost": Out(8),
         })
 
     def elaborate(self, platform):
@@ -102,5 +105,7 @@ class FrameGate(wiring.Component):
                     m.d.sync += skipped.eq(0)
                 with m.Elif(skipped != 255):
                     m.d.sync += skipped.eq(skipped + 1)
+                with m.If(~passes & (self.lost != 255)):
+                    m.d.sync += self.lost.eq(self.lost + 1)
 
         return m

@@ -97,6 +97,7 @@ async def whole_frames_or_none(dut, gap, stall):
          word_of(FrameInfo, number=entry[0], skipped=entry[1], **state))
         for entry, state in zip(gate(room), states, strict=True) if entry is not None]
     assert reader.taken == announced
+    assert dut.lost.value == room.count(False)
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
@@ -130,6 +131,7 @@ async def skipped_stops_at_255(dut):
     await bench.reset()
     pixel = int(pack(GreyPixel, mark_line_end=[1], mark_frame_end=[1])[0][0])
     await bench.i.send([pixel] * 300)
+    assert dut.lost.value == 255
     dut.info_ready.value = dut.texture_info_ready.value = 1
     await bench.i.send([pixel])
     dut.tag.value = 1

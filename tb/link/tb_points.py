@@ -1,0 +1,149 @@
+"""Bench of the packets of points: what it sends equals the model's octets."""
+
+import cocotb
+import numpy as np
+from cocotb.triggers import ClockCycles, RisingEdge
+
+from hdl.payloads import Counts, FrameInfo, Point
+from model.link.points import packets
+from tb.harness import Bench, parameters
+from tb.link.frames import EXTREMES, near_points, pattern_frame, random_points
+from tb.native_block import pack
+
+SEED = parameters()["seed"]
+FULL = parameters().get("full_records", 0)
+
+
+def word(shape, **fields):
+    return sum(int(part) << 32 * n for n, part in enumerate(pack(shape, **fields)[0]))
+
+
+def words(frame):
+    """Payload words of the three streams."""
+    points = [word(Point, **{name: int(point[name]) for name in point.dtype.names})
+              for point in frame.points] + [word(Point, end=1)]
+    counts = word(Counts, spots=frame.spots, rejected=frame.rejected, dropped=frame.dropped,
+                  broken=frame.broken)
+    info = word(FrameInfo, number=frame.number, level=frame.level, skipped=frame.skipped,
+                learning=frame.learning, tag_exposure_us=frame.exposure_us,
+                tag_timestamp_us=frame.timestamp_us, tag_laser=frame.laser,
+                tag_capture=frame.capture, tripped=frame.tripped,
+                tables_valid=frame.tables_valid)
+    return points, counts, info
+
+
+def make(dut, gap=0.0, stall=0.0, full=FULL):
+    return Bench(dut, inputs=("i", "counts", "info"), gap=gap, stall=stall, seed=SEED,
+                 plain={"full_records": full})
+
+
+def send(bench, frames):
+    for frame in frames:
+        points, counts, info = words(frame)
+        bench.info.append([info])
+        bench.i.append(points)
+        bench.counts.append([counts])
+
+
+async def check(bench, names, frames, full=FULL):
+    for name, frame in zip(names, frames, strict=True):
+        for content in packets(frame, bool(full)):
+            expected = [*content[:-1], content[-1] | 0x100]
+            got = await bench.o.receive(len(expected))
+            assert got == expected, (
+                f"{name}, seed {SEED}: got {bytes(octet & 255 for octet in got).hex()}, not "
+                f"{content.hex()}")
+    await ClockCycles(bench.dut.clk, 200)
+    assert not bench.o.words
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
+async def extremes(dut):
+    bench = make(dut)
+    await bench.reset()
+    send(bench, [frame for _, frame in EXTREMES])
+    await check(bench, *zip(*EXTREMES, strict=True))
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
+@cocotb.parametrize(gap=[0.0, 0.7], stall=[0.0, 0.6])
+async def random_frames(dut, gap, stall):
+    rng = np.random.default_rng(SEED)
+    bench = make(dut, gap, stall)
+    await bench.reset()
+    frames = []
+    for _ in range(12):
+        points = rng.choice([near_points, random_points])(
+            rng, int(rng.integers(0, 60)), rng.choice([0.0, 0.5, 0.9, 1.0]))
+        frames.append(pattern_frame(rng, points))
+    send(bench, frames)
+    await check(bench, range(12), frames)
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
+async def waits_for_all_it_needs(dut):
+    """Nothing is offered before it is whole, or without info and counts."""
+    bench = make(dut)
+    await bench.reset()
+    frame = pattern_frame(np.random.default_rng(SEED), random_points(
+        np.random.default_rng(SEED), 30, 1.0))
+    points, counts, info = words(frame)
+    bench.i.append(points[:5])
+    await ClockCycles(dut.clk, 2000)
+    assert len(bench.i.taken) == 5 and not bench.o.words
+    bench.i.append(points[5:])
+    await ClockCycles(dut.clk, 3000)
+    assert not bench.o.words
+    bench.info.append([info])
+    await ClockCycles(dut.clk, 9000)
+    assert len(bench.i.taken) == 30 and bench.o.words
+    bench.counts.append([counts])
+    await check(bench, ["frame"], [frame])
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
+async def clocks(dut):
+    """What the contract says of a point's clocks, of a packet's and of the packet of others."""
+    rng = np.random.default_rng(SEED)
+    bench = make(dut)
+    await bench.reset()
+    points = near_points(rng, 40)
+    points["status"][20:30] = 1
+    frame = pattern_frame(rng, points)
+    send(bench, [frame])
+    contents = packets(frame, bool(FULL))
+    while len(bench.o.words) < sum(map(len, contents)):
+        await RisingEdge(dut.clk)
+    steps = np.diff(bench.i.taken[:10])
+    assert (steps == 73).all() if FULL else (steps >= 75 + 37).all() and (steps <= 75 + 45).all()
+    if not FULL:
+        assert (np.diff(bench.i.taken[21:30]) == 73).all()
+    at = before = 0
+    for index, content in enumerate(contents):
+        times = [clock for clock, _ in bench.o.words[at:at + len(content)]]
+        # The upper halves of counts that have none are passed over.
+        assert max(np.diff(times)) <= 18 and np.median(np.diff(times)) <= 10
+        if index and contents[index][0] == 0x54:
+            assert times[0] - before <= 14
+        at, before = at + len(content), times[-1]
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
+@cocotb.parametrize(clocks=[5, 90, 700, 2400, 3000, 4100, 5000])
+async def reset_forgets(dut, clocks):
+    """After a reset in the middle counts and points start again."""
+    rng = np.random.default_rng(SEED)
+    bench = make(dut)
+    await bench.reset()
+    points, counts, info = words(pattern_frame(rng, random_points(rng, 20, 0.7)))
+    for name, value in [("i", points[3]), ("counts", counts), ("info", info)]:
+        getattr(dut, f"{name}_payload").value = value
+        getattr(dut, f"{name}_valid").value = 1
+    await ClockCycles(dut.clk, clocks)
+    for name in ("i", "counts", "info"):
+        getattr(dut, f"{name}_valid").value = 0
+    await bench.reset()
+    bench.o.words.clear()
+    frame = pattern_frame(rng, random_points(rng, 15))
+    send(bench, [frame])
+    await check(bench, ["after reset"], [frame])

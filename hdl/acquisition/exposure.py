@@ -37,6 +37,8 @@ class Exposure(wiring.Component):
         The read-out begins.
     laser_request : :py:`Out(1)`
         High with ``sensor_integrate``, if asked for.
+    taken_us : :py:`Out(16)`
+        ``exposure_us`` of the exposure that was started last.
     integrated : :py:`Out(1)`
         High in the clock after the integration's last.
     done : :py:`Out(1)`
@@ -62,6 +64,7 @@ class Exposure(wiring.Component):
             "sensor_integrate": Out(1),
             "sensor_read": Out(1),
             "laser_request": Out(1),
+            "taken_us": Out(16),
             "integrated": Out(1),
             "done": Out(1),
             "busy": Out(1),
@@ -72,7 +75,6 @@ class Exposure(wiring.Component):
 
         prescaler = Signal(range(max(2, self.clocks)))
         remaining = Signal(16)  # microseconds of this phase, the present one included
-        exposure = Signal(16)
         laser = Signal()
         over = Signal()  # this is the phase's last clock
         m.d.comb += [
@@ -86,17 +88,18 @@ class Exposure(wiring.Component):
             m.d.sync += [
                 self.sensor_reset.eq(self.start),
                 remaining.eq(self.reset_us),
-                exposure.eq(self.exposure_us),
                 laser.eq(self.laser),
                 prescaler.eq(self.clocks - 1),
             ]
+            with m.If(self.start):
+                m.d.sync += self.taken_us.eq(self.exposure_us | ~self.exposure_us.any())
         with m.Else():
             m.d.sync += prescaler.eq(prescaler - 1)
             with m.If(prescaler == 0):
                 m.d.sync += [prescaler.eq(self.clocks - 1), remaining.eq(remaining - 1)]
             with m.If(over):
                 m.d.sync += [
-                    remaining.eq(Mux(self.sensor_reset, exposure, 1)),
+                    remaining.eq(Mux(self.sensor_reset, self.taken_us, 1)),
                     self.sensor_reset.eq(0),
                     self.sensor_integrate.eq(self.sensor_reset),
                     self.laser_request.eq(self.sensor_reset & laser),

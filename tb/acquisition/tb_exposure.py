@@ -51,6 +51,8 @@ class ExposureBench(Bench):
         dut.start.value = 0
         dut.reset_us.value, dut.exposure_us.value = ~reset_us & 0xFFFF, 7
         dut.laser.value = 1 - laser
+        await ReadOnly()
+        assert dut.taken_us.value == max(1, exposure_us)
         return timeline
 
     async def done(self):
@@ -68,7 +70,7 @@ async def random_times(dut):
     for _ in range(60):
         reset_us, exposure_us = (int(value) for value in rng.integers(1, (30, 60)))
         timelines.append(await bench.start(reset_us, exposure_us, int(rng.integers(2))))
-        await RisingEdge(dut.clk)
+        await ClockCycles(dut.clk, 2)
         dut.start.value = 1  # not heard
         await FallingEdge(dut.sensor_integrate)
         await RisingEdge(dut.clk)

@@ -1,0 +1,259 @@
+"""The schedule of everything: resets, exposures, read-outs, and when the next pair begins."""
+
+from amaranth import *
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from ..payloads import FrameTag
+from ..protocol import Mode
+from .exposure import Exposure
+
+__all__ = ["Sequencer"]
+
+_TIMES = ("period_us", "pattern_reset_us", "pattern_us", "texture_reset_us", "texture_us")
+
+
+class Sequencer(wiring.Component):
+    """Takes pairs of frames: a pattern, exposed briefly with the laser, and a texture without.
+
+    A frame is a reset, an integration and a read-out (:class:`.exposure.Exposure`); the next
+    reset comes when the imager has sent the frame, since its pixels hold it until then. Processing
+    and sending go on meanwhile. A pair begins ``period_us`` after the one before, exactly; if the
+    frames need longer it begins at the microsecond after their end, and ``late`` counts.
+
+    A frame is over with ``frame_ended``, or with ``frame_broken``, once ``sending`` is low. If it
+    has not begun ``begin_us`` after the integration, or is not over ``frame_us`` after it, the
+    schedule goes on without: ``timeouts`` counts, and ``silent`` is high until a frame comes whole.
+
+    Light must be earned. ``heartbeat`` changes with each frame that came whole, and nothing else
+    changes it, so it stops with the imager as well as with this block. The laser is asked for only
+    while ``laser_armed`` is high as a pattern frame begins. So the first patterns after a start
+    are dark, in their usual places, until the laser guard has seen heartbeats enough; mode
+    ``SINGLE`` takes as many dark patterns as that needs, without a pause, before its pair, but for
+    no longer than ``warm_up_us``. The tag tells what was lit, not what was asked for.
+
+    The mode and all times may change whenever they like. They are taken over for a frame in the
+    clock after its ``frame_start``, so that what changes with that pulse still counts. ``STOP``
+    ends the schedule there, also between a pattern and its texture, and while it waits for a pair.
+
+    Latency: ``frame_start`` to ``sensor_reset`` 2 clocks. Reset: all pins low, stopped.
+
+    Parameters
+    ----------
+    clock_hz : :class:`int`
+        The system's clock, a multiple of 1 MHz, 4 MHz or more.
+    begin_us, frame_us : :class:`int`
+        How long a frame may take until it begins, and until it is over.
+    warm_up_us : :class:`int`
+        How long mode ``SINGLE`` waits for the laser.
+
+    Members
+    -------
+    mode : :py:`In(2)`
+        See :class:`hdl.protocol.Mode`.
+    again : :py:`In(1)`
+        Another pair in mode ``SINGLE``, which takes one by itself whenever the mode changes to it.
+    period_us : :py:`In(16)`
+        From pattern to pattern. For this and all other times, 0 means 1.
+    pattern_reset_us, pattern_us, texture_reset_us, texture_us : :py:`In(16)`
+        Resets and integrations.
+    frame_begun, frame_ended, frame_broken : :py:`In(1)`
+        High for a clock with a frame's first pixel, with its last one if it came whole, and with
+        the loss of synchronism.
+    sending : :py:`In(1)`
+        The imager says that a frame is on (``frame_valid``, brought into this clock).
+    laser_armed, lit : :py:`In(1)`
+        From the laser guard: a request would be heard; there is light.
+    capture : :py:`In(1)`
+        Calibration capture is on.
+    sensor_reset, sensor_integrate, sensor_read : :py:`Out(1)`
+        The imager's pins.
+    laser_request : :py:`Out(1)`
+        Light is wanted.
+    frame_start, pattern_start : :py:`Out(1)`
+        High for a clock as a frame begins, and as a pattern frame does.
+    tag : :py:`Out(FrameTag)`
+        The frame whose integration ended last. ``laser`` and ``capture`` are set if they were high
+        at any time of it.
+    heartbeat : :py:`Out(8)`
+        Another value after each whole frame.
+    running : :py:`Out(1)`
+        From the first ``frame_start`` to the last frame's end.
+    timestamp_us : :py:`Out(24)`
+        Microseconds since reset, modulo 2^24.
+    pairs : :py:`Out(16)`
+        Pattern frames since reset, modulo 65,536.
+    timeouts, late : :py:`Out(8)`
+        Frames that did not come; pairs that began late. They stop at 255.
+    silent : :py:`Out(1)`
+        The last frame did not come.
+    """
+
+    #: Clocks from ``frame_start`` to ``sensor_reset``.
+    latency = 2
+
+    def __init__(self, clock_hz=16_000_000, begin_us=5000, frame_us=20_000, warm_up_us=100_000):
+        self.exposure = Exposure(clock_hz)
+        if self.exposure.clocks < 4:
+            raise ValueError("The sequencer needs 4 clocks a microsecond, but a clock of "
+                             f"{clock_hz} Hz gives {self.exposure.clocks}")
+        for name, value in (("a frame's first pixel", begin_us), ("a frame", frame_us)):
+            if not isinstance(value, int) or not 2 <= value <= 65_535:
+                raise ValueError(f"The time for {name} must be an integer from 2 to 65535 "
+                                 f"microseconds, not {value!r}")
+        if begin_us > frame_us:
+            raise ValueError(f"A frame cannot be over {frame_us} us after the integration if it "
+                             f"may begin {begin_us} us after it")
+        if not isinstance(warm_up_us, int) or not 0 <= warm_up_us <= 1_000_000:
+            raise ValueError("The time to wait for the laser must be an integer from 0 to 1000000 "
+                             f"microseconds, not {warm_up_us!r}")
+        self.begin_us, self.frame_us, self.warm_up_us = begin_us, frame_us, warm_up_us
+        super().__init__({
+            "mode": In(2),
+            "again": In(1),
+            **{name: In(16) for name in _TIMES},
+            "frame_begun": In(1),
+            "frame_ended": In(1),
+            "frame_broken": In(1),
+            "sending": In(1),
+            "laser_armed": In(1),
+            "lit": In(1),
+            "capture": In(1),
+            "sensor_reset": Out(1),
+            "sensor_integrate": Out(1),
+            "sensor_read": Out(1),
+            "laser_request": Out(1),
+            "frame_start": Out(1),
+            "pattern_start": Out(1),
+            "tag": Out(FrameTag),
+            "heartbeat": Out(8),
+            "running": Out(1),
+            "timestamp_us": Out(24),
+            "pairs": Out(16),
+            "timeouts": Out(8),
+            "late": Out(8),
+            "silent": Out(1),
+        })
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.exposure = exposure = self.exposure
+        m.d.comb += [getattr(self, name).eq(getattr(exposure, name)) for name in (
+            "sensor_reset", "sensor_integrate", "sensor_read", "laser_request")]
+
+        # Time.
+        prescaler = Signal(range(exposure.clocks))
+        tick = Signal()  # a microsecond's last clock
+        m.d.comb += tick.eq(prescaler == exposure.clocks - 1)
+        m.d.sync += prescaler.eq(Mux(tick, 0, prescaler + 1))
+        remaining = Signal(16)  # microseconds to the next pair
+        waited = Signal(range(self.frame_us + 1))  # microseconds since the integration
+        warm = Signal(range(self.warm_up_us + 1))  # microseconds since the schedule began
+        with m.If(tick):
+            m.d.sync += [
+                self.timestamp_us.eq(self.timestamp_us + 1),
+                remaining.eq(remaining - remaining.any()),
+                waited.eq(waited + (waited != self.frame_us)),
+                warm.eq(warm + (warm != self.warm_up_us)),
+            ]
+
+        # What the frame begins with.
+        texture = Signal()
+        taken = Signal(2)  # mode
+        dark = Signal()  # a pattern for the heartbeat alone
+        wish = Signal()  # mode SINGLE has still to take its pair
+        warming, stopped = Signal(), Signal()
+        m.d.comb += [
+            warming.eq(~texture & (self.mode == Mode.SINGLE) & ~self.laser_armed
+                       & (warm != self.warm_up_us)),
+            stopped.eq((self.mode == Mode.STOP) | (self.mode == Mode.SINGLE) & ~wish & ~texture),
+            exposure.reset_us.eq(Mux(texture, self.texture_reset_us, self.pattern_reset_us)),
+            exposure.exposure_us.eq(Mux(texture, self.texture_us, self.pattern_us)),
+            exposure.laser.eq(self.laser_armed & ~texture),
+        ]
+
+        # What has come of it.
+        begun, over = Signal(), Signal()
+        begins, whole, ends, missing = Signal(), Signal(), Signal(), Signal()
+        too_long = Signal()
+        m.d.comb += [
+            begins.eq(begun | self.frame_begun),
+            whole.eq(self.frame_ended & begins),
+            ends.eq(whole | self.frame_broken & begins),
+            too_long.eq(waited == self.frame_us),
+            missing.eq(~over & ~ends & (too_long | ~begins & (waited >= self.begin_us))),
+        ]
+
+        with m.FSM() as schedule:
+            with m.State("IDLE"):
+                m.d.sync += [texture.eq(0), warm.eq(0)]
+                with m.If(tick & ~stopped):
+                    m.next = "BEGIN"
+            with m.State("BEGIN"):
+                m.d.comb += [self.frame_start.eq(1), self.pattern_start.eq(~texture)]
+                m.next = "TAKE"
+            with m.State("TAKE"):
+                m.d.sync += [taken.eq(self.mode), dark.eq(warming)]
+                with m.If(stopped):
+                    m.next = "IDLE"
+                with m.Elif(texture & (self.mode == Mode.PATTERN)):
+                    m.d.sync += texture.eq(0)
+                    m.next = "WAIT"
+                with m.Else():
+                    m.d.comb += exposure.start.eq(1)
+                    with m.If(~texture):
+                        m.d.sync += [
+                            remaining.eq(self.period_us), self.pairs.eq(self.pairs + 1),
+                            wish.eq(wish & warming),
+                        ]
+                    m.next = "EXPOSE"
+            with m.State("EXPOSE"):
+                m.d.sync += [begun.eq(0), over.eq(0), waited.eq(0)]
+                with m.If(exposure.integrated):
+                    m.next = "READ"
+            with m.State("READ"):
+                m.d.sync += [begun.eq(begins), over.eq(over | ends)]
+                with m.If(whole & ~over):
+                    m.d.sync += [self.heartbeat.eq(self.heartbeat + 1), self.silent.eq(0)]
+                with m.If(missing):
+                    m.d.sync += [
+                        self.silent.eq(1),
+                        self.timeouts.eq(self.timeouts + ~self.timeouts.all()),
+                    ]
+                with m.If(missing | over & ~exposure.busy & (~self.sending | too_long)):
+                    m.next = "NEXT"
+            with m.State("NEXT"):
+                m.d.sync += texture.eq(0)
+                m.next = "WAIT"
+                with m.If(~texture & ~dark & (taken != Mode.PATTERN)):
+                    m.d.sync += texture.eq(1)
+                    m.next = "BEGIN"
+            with m.State("WAIT"):
+                with m.If(stopped):
+                    m.next = "IDLE"
+                with m.Elif(tick & (dark | ~remaining[1:].any())):
+                    with m.If(~dark & ~remaining.any()):
+                        m.d.sync += self.late.eq(self.late + ~self.late.all())
+                    m.next = "BEGIN"
+        m.d.comb += self.running.eq(~schedule.ongoing("IDLE"))
+        with m.If((self.mode != Mode.SINGLE) | self.again):
+            m.d.sync += wish.eq(1)
+
+        # The tag.
+        before, timestamp = Signal(), Signal(24)
+        lit, capture = Signal(), Signal()
+        m.d.sync += before.eq(self.sensor_integrate)
+        with m.If(self.sensor_integrate & ~before):
+            m.d.sync += [timestamp.eq(self.timestamp_us), lit.eq(self.lit),
+                         capture.eq(self.capture)]
+        with m.Else():
+            m.d.sync += [lit.eq(lit | self.lit), capture.eq(capture | self.capture)]
+        with m.If(exposure.integrated):
+            m.d.sync += [
+                self.tag.texture.eq(texture),
+                self.tag.laser.eq(lit | self.lit),
+                self.tag.capture.eq(capture),
+                self.tag.exposure_us.eq(exposure.taken_us),
+                self.tag.timestamp_us.eq(timestamp),
+            ]
+        return m

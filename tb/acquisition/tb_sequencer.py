@@ -1,0 +1,255 @@
+"""The sequencer against its model: every edge of every output, whatever the imager does."""
+
+import cocotb
+import numpy as np
+from cocotb.simtime import get_sim_time
+from cocotb.triggers import ClockCycles, FallingEdge, ReadOnly, RisingEdge
+
+from model.acquisition.sequencer import (
+    CONTINUOUS,
+    PATTERN,
+    SINGLE,
+    STOP,
+    Readout,
+    Registers,
+    Schedule,
+)
+from tb.harness import Bench, parameters
+
+PINS = ("sensor_reset", "sensor_integrate", "sensor_read", "laser_request", "frame_start",
+        "pattern_start", "running", "silent")
+NUMBERS = ("heartbeat", "late", "timeouts", "pairs")
+#: A schedule that takes few clocks.
+QUICK = Registers(CONTINUOUS, 140, 3, 4, 2, 30)
+
+
+class SequencerBench(Bench):
+    """An imager and a guard that do as they are told, and a record of all outputs.
+
+    ``plan``: for each frame (first pixel, end, whole, quiet), in clocks after the integration,
+    None for what never comes; the last entry is used for all further frames. ``lit``: which frames
+    are lit, whatever was asked. ``armed`` and ``registers``: (clock, value) in order.
+    """
+
+    def __init__(self, dut, plan, registers, armed=((0, 1),), again=(), lit=None):
+        self.plan, self.registers, self.armed, self.again = plan, registers, armed, again
+        self.lit = lit
+        self.clocks = parameters()["clocks"]
+        super().__init__(dut, inputs=(), outputs=(), plain={
+            **vars(registers[0][1]), "again": 0, "frame_begun": 0, "frame_ended": 0,
+            "frame_broken": 0, "sending": 0, "laser_armed": armed[0][1], "lit": 0, "capture": 0})
+        self.edges = {name: [] for name in (*PINS, *NUMBERS, "tag")}
+        self.frames = self.sending = self.quiet = 0
+        self.zero = None
+
+    @property
+    def now(self):
+        return round(get_sim_time("ns") - self.zero) // 10
+
+    def entry(self, number):
+        return self.plan[min(number, len(self.plan) - 1)]
+
+    async def begin(self):
+        await self.reset()
+        await ReadOnly()
+        self.zero = get_sim_time("ns") - 10  # the clock before was the first one out of reset
+        for name in PINS:
+            cocotb.start_soon(self._pin(name))
+        for name in (*NUMBERS, "tag"):
+            cocotb.start_soon(self._number(name))
+        cocotb.start_soon(self._imager())
+        for task in (self._host(), self._guard(), self._repeat()):
+            cocotb.start_soon(task)
+
+    async def until(self, clock):
+        """Within the clock, early enough to set inputs."""
+        if clock > self.now:
+            await ClockCycles(self.dut.clk, clock - self.now)
+
+    async def _pin(self, name):
+        signal = getattr(self.dut, name)
+        while True:
+            await RisingEdge(signal)
+            await ReadOnly()
+            self.edges[name].append(self.now)
+            await FallingEdge(signal)
+            await ReadOnly()
+            self.edges[name].append(self.now)
+
+    async def _number(self, name):
+        signal = getattr(self.dut, name)
+        while True:
+            await signal.value_change
+            await ReadOnly()
+            self.edges[name].append((self.now, signal.value.to_unsigned()))
+
+    async def _host(self):
+        for clock, values in self.registers[1:]:
+            await self.until(clock)
+            for name, value in vars(values).items():
+                getattr(self.dut, name).value = value
+
+    async def _guard(self):
+        for clock, armed in self.armed[1:]:
+            await self.until(clock)
+            self.dut.laser_armed.value = armed
+
+    async def _repeat(self):
+        for clock in self.again:
+            await self.until(clock)
+            self.dut.again.value = 1
+            await RisingEdge(self.dut.clk)
+            self.dut.again.value = 0
+
+    async def _imager(self):
+        while True:
+            await RisingEdge(self.dut.sensor_integrate)
+            await RisingEdge(self.dut.clk)
+            self.dut.lit.value = self.lit is not None and self.lit(self.frames)
+            self.dut.capture.value = self.frames % 3 == 1
+            await RisingEdge(self.dut.sensor_read)
+            cocotb.start_soon(self._frame(self.frames, self.now))
+            self.frames += 1
+            await RisingEdge(self.dut.clk)
+            self.dut.lit.value, self.dut.capture.value = 0, 0
+
+    async def _frame(self, number, end):
+        dut, (begun, over, whole, quiet) = self.dut, self.entry(number)
+        events = []
+        if begun is not None:
+            events += [(begun, "frame_begun", 1), (begun + 1, "frame_begun", 0),
+                       (begun, "sending", 1)]
+            if over is not None:
+                name = "frame_ended" if whole else "frame_broken"
+                events += [(over, name, 1), (over + 1, name, 0)]
+            events.append((quiet, "sending", 0))
+        for clock, name, value in sorted(events, key=lambda event: event[0]):
+            await self.until(end + clock)
+            if name == "sending":  # a frame that hangs outlasts the next ones
+                self.sending += 1 if value else -1
+                value = self.sending > 0
+            getattr(dut, name).value = value
+
+    def sensor(self, number, end):
+        begun, over, whole, quiet = self.entry(number)
+        if begun is None:
+            return Readout()
+        self.quiet = max(self.quiet, end + quiet)
+        return Readout(end + begun, None if over is None else end + over, whole, self.quiet)
+
+    def schedule(self, until):
+        return Schedule(
+            self.clocks * 1_000_000, self.registers, self.sensor,
+            lambda clock: [armed for since, armed in self.armed if since <= clock][-1], until,
+            self.again, *(parameters()[name] for name in ("begin_us", "frame_us", "warm_up_us")))
+
+    async def check(self, until):
+        """Let it run, then compare everything up to that clock; the model's schedule."""
+        await self.until(until)
+        await ReadOnly()
+        schedule = self.schedule(until)
+        wanted = self.expected(schedule)
+        for name, edges in self.edges.items():
+            got = [edge for edge in edges if np.ravel(edge)[0] < until]
+            other = [edge for edge in wanted[name] if np.ravel(edge)[0] < until]
+            wrong = [place for place, (mine, his) in enumerate(zip(got, other, strict=False))
+                     if mine != his] + [min(len(got), len(other))]
+            part = slice(max(0, wrong[0] - 2), wrong[0] + 3)
+            assert got == other, f"{name}: {got[part]} instead of {other[part]}"
+        assert self.dut.timestamp_us.value == until // self.clocks
+        return schedule
+
+    def expected(self, schedule):
+        edges = {name: [] for name in self.edges}
+        for clock, texture in schedule.starts:
+            edges["frame_start"] += clock, clock + 1
+            if not texture:
+                edges["pattern_start"] += clock, clock + 1
+        for begin, end in schedule.running:
+            edges["running"] += [begin] if end is None else [begin, end]
+        heartbeat, silent = 0, 0
+        for number, frame in enumerate(schedule.frames):
+            for name, times in frame.pins.items():
+                if name in edges:
+                    edges[name] += times
+            lit = bool(self.lit and self.lit(number))
+            tag = (frame.texture | lit << 1 | (number % 3 == 1) << 2 | frame.exposure_us << 3
+                   | (frame.timestamp_us & 0xFFFFFF) << 19)
+            edges["tag"].append((frame.pins["integrated"] + 1, tag))
+            missing, known = int(frame.outcome == "missing"), frame.over + 1
+            if frame.outcome == "whole":
+                heartbeat += 1
+                known = frame.pins["integrated"] + self.entry(number)[1] + 1
+                edges["heartbeat"].append((known, heartbeat & 0xFF))
+            if frame.outcome != "broken" and silent != missing:
+                edges["silent"].append(known)
+                silent = missing
+        missing = [frame.over + 1 for frame in schedule.frames if frame.outcome == "missing"]
+        edges["timeouts"] = [(at, number) for number, at in enumerate(missing, 1) if number < 256]
+        pairs = [frame for frame in schedule.frames if not frame.texture]
+        edges["pairs"] = [(frame.start + 2, n) for n, frame in enumerate(pairs, 1)]
+        edges["late"] = [(clock, n) for n, clock in enumerate(schedule.late, 1) if n < 256]
+        return edges
+
+
+def frame(begun=8, length=60, whole=True, tail=3):
+    return begun, begun + length, whole, begun + length + tail
+
+
+def random_plan(rng, clocks, count=400):
+    """Frames mostly whole, and everything that an imager may do wrong."""
+    begin, limit = (parameters()[name] * clocks for name in ("begin_us", "frame_us"))
+    plan = []
+    for _ in range(count):
+        kind = rng.choice(["whole"] * 4 + ["broken", "silent", "stops", "late", "slow", "hangs"])
+        begun, length = int(rng.integers(2, 20)), int(rng.integers(5, 60))
+        if kind == "silent":
+            plan.append((None, None, True, 0))
+        elif kind == "stops":
+            plan.append((begun, None, True, limit + 2 * clocks))
+        elif kind == "late":  # about the time limit
+            plan.append(frame(begin + int(rng.integers(-2 * clocks, 1)), length))
+        elif kind == "slow":
+            plan.append(frame(begun, limit - begun - int(rng.integers(0, 2 * clocks))))
+        elif kind == "hangs":  # frame_valid does not fall
+            plan.append(frame(begun, length, bool(rng.integers(2)), 3 * limit))
+        else:
+            plan.append(frame(begun, length, kind == "whole", int(rng.integers(-4, 40))))
+    return plan
+
+
+def random_registers(rng, clocks, until):
+    changes, clock = [(0, QUICK)], 0
+    while clock < until:
+        clock += int(rng.integers(1, 600 * clocks))
+        mode = int(rng.choice([STOP, CONTINUOUS, CONTINUOUS, SINGLE, SINGLE, PATTERN]))
+        changes.append((clock, Registers(mode, int(rng.integers(0, 200)), *(
+            int(value) for value in rng.integers(0, (6, 20, 6, 40))))))
+    return changes
+
+
+def random_switch(rng, until, longest):
+    changes, clock = [(0, 0)], 0
+    while clock < until:
+        clock += int(rng.integers(1, longest))
+        changes.append((clock, 1 - changes[-1][1]))
+    return changes
+
+
+@cocotb.test(timeout_time=50, timeout_unit="ms")
+async def random_world(dut):
+    """Registers, guard and imager change at any clock."""
+    rng = np.random.default_rng(parameters()["seed"])
+    clocks = parameters()["clocks"]
+    until = 12_000 * clocks
+    again = sorted({int(clock) for clock in rng.integers(2, until, 40)})
+    again = [clock for clock, before in zip(again[1:], again, strict=False) if clock > before + 1]
+    lit = rng.random(1000) < 0.5
+    bench = SequencerBench(
+        dut, random_plan(rng, clocks), random_registers(rng, clocks, until),
+        random_switch(rng, until, 300 * clocks), again, lambda number: bool(lit[number]))
+    await bench.begin()
+    schedule = await bench.check(until)
+    outcomes = {frame.outcome for frame in schedule.frames}
+    assert outcomes == {"whole", "broken", "missing"} and schedule.late
+    assert len(schedule.frames) > 100 and len(schedule.running) > 5

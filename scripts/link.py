@@ -9,7 +9,7 @@ import numpy as np
 
 from hdl.protocol import COMPACT, TEXTURE_FIELDS, TRAILER_FIELDS, Flag, PacketKind
 from scripts.framing import Deframer
-from scripts.messages import POINT, Frame, Reply, TextureFrame, TexturePiece
+from scripts.messages import POINT, Frame, Reply, TextureFrame, TexturePiece, fields_of
 from scripts.rebuild import point_check
 
 __all__ = ["POINT", "Decoder", "Frame", "Reply", "TextureFrame", "TexturePiece"]
@@ -17,6 +17,7 @@ __all__ = ["POINT", "Decoder", "Frame", "Reply", "TextureFrame", "TexturePiece"]
 _RECORD_OCTETS = 9
 _COUNTS = ("spots", "ok", "noise", "ambiguous", "rejected", "dropped", "unlisted")
 _TEXTURE_OCTETS = sum(field.bits for field in TEXTURE_FIELDS) // 8
+_TRAILER_OCTETS = sum(field.bits for field in TRAILER_FIELDS) // 8
 #: Frames that may come after a later one, and how late, in microseconds.
 _LATE_FRAMES, _LATE_US = 16, 2_000_000
 
@@ -147,7 +148,7 @@ class Decoder:
     def _texture_frame(self, body, events):
         if len(body) != 1 + _TEXTURE_OCTETS:
             return False
-        values = _values(body[1:], TEXTURE_FIELDS)
+        values = fields_of(body[1:], TEXTURE_FIELDS)
         if values["number"] & 0xFF != body[0]:
             return False
         self._counters = values["bad_sync"], values["overrun"]
@@ -163,11 +164,11 @@ class Decoder:
 
     def _last(self, body, compact, events):
         """Points and trailer."""
-        wide = body[-1] >> Flag.WIDE & 1
-        size = _WIDE_OCTETS if wide else _TRAILER_OCTETS
+        wide = _COUNTS if body[-1] >> Flag.WIDE & 1 else ()
+        size = _TRAILER_OCTETS + len(wide)
         if len(body) < 1 + size:
             return False
-        octets, values = body[1:-size], _values(body[-size:], TRAILER_FIELDS, wide)
+        octets, values = body[1:-size], fields_of(body[-size:], TRAILER_FIELDS, wide)
         if values["number"] & 0xFF != body[0]:
             return False
         if compact:
@@ -210,7 +211,7 @@ class Decoder:
                       "rejected": rejected}
         trailer = self._trailer
         self._forget()
-        sane = self._rebuilt(points) if compact else True
+        sane = self._rebuilt(points, compact)
         values = {**values, "points": points, "compact": compact, "lost": lost,
                   "bad_sync": bad_sync, "overrun": overrun}
         frame = Frame(**values)
@@ -229,14 +230,17 @@ class Decoder:
         self._is_compact = False
         self._trailer = None
 
-    def _rebuilt(self, points):
-        """Whether all that came as ok is so by the calibration; fills in beam and depth."""
+    def _rebuilt(self, points, compact):
+        """Whether ok points are so by the calibration; fills in what compact ones lack."""
         ok = points["status"] == 0
         if self.rebuild is None or not ok.any():
             return True
         status, beam, inverse_z = self.rebuild(points["u"][ok], points["v"][ok])
-        points["beam"][ok], points["inverse_z"][ok] = beam, inverse_z
-        return not status.any()
+        if compact:
+            points["beam"][ok], points["inverse_z"][ok] = beam, inverse_z
+            return not status.any()
+        return not status.any() and np.array_equal(beam, points["beam"][ok]) and np.array_equal(
+            inverse_z, points["inverse_z"][ok])
 
     def _number(self, values):
         """Count the frame's number and time on beyond their bits."""
@@ -265,24 +269,6 @@ def _onward(last, value, bits, late):
     step = (value - last) & ((1 << bits) - 1)
     behind = (1 << bits) - step
     return last - behind if step and behind <= min(late, last) else last + step
-
-
-def _size(field, wide):
-    return 2 if wide and field.name in _COUNTS else field.bits // 8
-
-
-_TRAILER_OCTETS, _WIDE_OCTETS = (
-    sum(_size(field, wide) for field in TRAILER_FIELDS) for wide in (False, True))
-
-
-def _values(octets, fields, wide=False):
-    """Fields by their names."""
-    values, place = {}, 0
-    for each in fields:
-        end = place + _size(each, wide)
-        values[each.name] = int.from_bytes(octets[place:end], "little")
-        place = end
-    return values
 
 
 def _compact(octets):

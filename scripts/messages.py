@@ -6,7 +6,7 @@ import numpy as np
 
 from hdl.protocol import Flag
 
-__all__ = ["POINT", "Frame", "Reply", "TextureFrame", "TexturePiece"]
+__all__ = ["POINT", "Frame", "Reply", "TextureFrame", "TexturePiece", "fields_of"]
 
 #: A point in the integer units of the link.
 POINT = np.dtype([("status", np.uint8), ("beam", np.uint8), ("area", np.uint8), ("u", np.uint32),
@@ -80,7 +80,8 @@ class Frame(_Flags):
     compact : :class:`bool`
         The points came without beam and inverse depth.
     verified : :class:`bool` or None
-        Whether ``check`` is that of ``points``; None if points are missing or were not rebuilt.
+        Whether ``check`` is that of ``points``, and beam and depth are those of the calibration;
+        None if points are missing or were not rebuilt.
     lost : :class:`int`
         Packets that are missing since the pattern frame before.
     summarised : :class:`bool`
@@ -166,3 +167,23 @@ class Reply:
     command: int
     reason: int
     data: bytes = b""
+
+
+def fields_of(octets, fields, wide=()):
+    """Values of fields by their names, low octets first.
+
+    Parameters
+    ----------
+    octets : :class:`bytes`
+        Where they stand.
+    fields : iterable of :class:`hdl.protocol.Field`
+        Which they are.
+    wide : collection of :class:`str`
+        Names of fields that have 16 bits here.
+    """
+    values, place = {}, 0
+    for each in fields:
+        end = place + (2 if each.name in wide else each.bits // 8)
+        values[each.name] = int.from_bytes(octets[place:end], "little")
+        place = end
+    return values

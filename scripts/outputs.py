@@ -11,7 +11,8 @@ import numpy as np
 from scripts.errors import UserError
 from scripts.points import STATUS
 
-__all__ = ["check_folder", "new_folder", "write_csv", "write_ply"]
+__all__ = ["CSV_HEADER", "check_folder", "csv_line", "new_folder", "ply_header", "ply_line",
+           "write_csv", "write_ply"]
 
 CSV_HEADER = "frame,beam,u_px,v_px,area_px,x_mm,y_mm,z_mm,status"
 
@@ -67,16 +68,50 @@ def _number(value, digits):
     return "" if np.isnan(value) else f"{value:.{digits}f}"
 
 
+def csv_line(point, names=STATUS):
+    """The row of a spot; fields without a value are empty."""
+    beam = "" if point["beam"] < 0 else str(point["beam"])
+    place = ",".join(_number(point[name], 4) for name in "xyz")
+    return (f"{point['frame']},{beam},{point['u']:.4f},{point['v']:.4f},{point['area']},"
+            f"{place},{names[point['status']]}\n")
+
+
 def write_csv(path, points):
-    """``points.csv``: a row per spot, in the order found; fields without a value are empty."""
+    """``points.csv``: a row per spot, in the order found."""
     with open(path, "w", newline="\n") as file:
         file.write(CSV_HEADER + "\n")
         for point in points:
-            beam = "" if point["beam"] < 0 else str(point["beam"])
-            place = ",".join(_number(point[name], 4) for name in "xyz")
-            file.write(
-                f"{point['frame']},{beam},{point['u']:.4f},{point['v']:.4f},{point['area']},"
-                f"{place},{STATUS[point['status']]}\n")
+            file.write(csv_line(point))
+
+
+def ply_header(count, source):
+    """Everything before the first point.
+
+    Parameters
+    ----------
+    count : :class:`int`
+        Points that follow.
+    source : :class:`str`
+        What was measured, for a comment.
+    """
+    printable = source.encode("ascii", "replace").decode().replace("\n", " ")
+    return "\n".join([
+        "ply", "format ascii 1.0",
+        f"comment cyclope, points measured in {printable}",
+        "comment unit mm; x right, y down, z along the optical axis, camera at the origin",
+        "comment beam = row * columns + column of the laser mesh; status "
+        + " ".join(f"{code} {name}" for code, name in enumerate(STATUS)),
+        "comment intensity is the grey value of the image at the spot",
+        f"element vertex {count}",
+        "property float x", "property float y", "property float z",
+        "property ushort beam", "property int frame", "property uchar status",
+        "property uchar intensity", "end_header", ""])
+
+
+def ply_line(point):
+    """A point that has a place."""
+    return (f"{point['x']:.4f} {point['y']:.4f} {point['z']:.4f} {point['beam']} "
+            f"{point['frame']} {point['status']} {point['intensity']}\n")
 
 
 def write_ply(path, points, source):
@@ -94,21 +129,7 @@ def write_ply(path, points, source):
     placed = points[~np.isnan(points["z"])]
     frames = np.unique(placed["frame"])
     span = f"{len(frames)} frames, {frames[0]} to {frames[-1]}" if len(frames) else "no frame"
-    printable = source.encode("ascii", "replace").decode().replace("\n", " ")
-    header = [
-        "ply", "format ascii 1.0",
-        f"comment cyclope, points measured in {printable} ({span})",
-        "comment unit mm; x right, y down, z along the optical axis, camera at the origin",
-        "comment beam = row * columns + column of the laser mesh; status "
-        + " ".join(f"{code} {name}" for code, name in enumerate(STATUS)),
-        "comment intensity is the grey value of the image at the spot",
-        f"element vertex {len(placed)}",
-        "property float x", "property float y", "property float z",
-        "property ushort beam", "property int frame", "property uchar status",
-        "property uchar intensity", "end_header"]
     with open(path, "w", newline="\n") as file:
-        file.write("\n".join(header) + "\n")
+        file.write(ply_header(len(placed), f"{source} ({span})"))
         for point in placed:
-            file.write(
-                f"{point['x']:.4f} {point['y']:.4f} {point['z']:.4f} {point['beam']} "
-                f"{point['frame']} {point['status']} {point['intensity']}\n")
+            file.write(ply_line(point))

@@ -1,0 +1,216 @@
+"""``cyclope load``: the calibration into the chip, and how it is to run."""
+
+import time
+from pathlib import Path
+
+from hdl.protocol import TABLES, Mode
+from scripts.commands import REGISTERS, Commands, check_chip, table_contents
+from scripts.errors import UserError
+from scripts.port import add_port_arguments, open_port
+
+__all__ = ["add_arguments", "load", "main"]
+
+_MODES = {"start": (Mode.CONTINUOUS, "run: pattern, texture, pattern, ..."),
+          "stop": (Mode.STOP, "stop, the laser is off"),
+          "single": (Mode.SINGLE, "one pair of pattern and texture, then stop"),
+          "pattern-only": (Mode.PATTERN, "run, pattern frames only")}
+_TIMES = {"period_us": "from pattern to pattern", "pattern_us": "exposure of the pattern",
+          "texture_us": "exposure of the texture", "pattern_reset_us": "reset before the pattern",
+          "texture_reset_us": "reset before the texture"}
+
+
+def add_arguments(parser):
+    """Declare what ``cyclope load`` takes."""
+    parser.description = (
+        "Load the tables and registers of a calibration into the chip, read all of them back, and "
+        "say how the chip is to run. Without a calibration only the rest is done.")
+    parser.epilog = ("Without one of the modes the chip goes on as it was. Registers change "
+                     "together, at the start of a pattern frame.")
+    parser.add_argument("port", metavar="PORT", help="serial device, such as /dev/ttyUSB0")
+    parser.add_argument("calibration", nargs="?", type=Path, metavar="FILE",
+                        help="calibration.json from `cyclope calibrate`")
+    modes = parser.add_mutually_exclusive_group()
+    for name, (mode, words) in _MODES.items():
+        modes.add_argument(f"--{name}", dest="mode", action="store_const", const=mode, help=words)
+    for name, words in _TIMES.items():
+        parser.add_argument("--" + name.replace("_", "-"), type=int, metavar="US",
+                            help=f"{words}, microseconds")
+    parser.add_argument("--register", action="append", default=[], metavar="NAME=VALUE",
+                        help="write any register; `cyclope status PORT --registers` lists them")
+    parser.add_argument("--capture-ms", type=int, metavar="MS",
+                        help="calibration capture: allow the laser without valid tables, for so "
+                             "many milliseconds; 0 ends it")
+    parser.add_argument("--clear", action="store_true", help="forget the laser guard's causes")
+    add_port_arguments(parser)
+
+
+def _chosen(arguments):
+    """Registers from the command line, checked."""
+    chosen = {name: getattr(arguments, name) for name in _TIMES
+              if getattr(arguments, name) is not None}
+    for words in arguments.register:
+        name, equals, value = words.partition("=")
+        try:
+            if not equals:
+                raise ValueError
+            chosen[name] = int(value, 0)
+        except ValueError:
+            raise UserError(f"--register takes NAME=VALUE with a whole number, not {words!r}."
+                            ) from None
+    for name, value in chosen.items():
+        if name not in REGISTERS:
+            raise UserError(f"There is no register {name!r}; there are: {', '.join(REGISTERS)}.")
+        register = REGISTERS[name]
+        half = 1 << register.bits - 1
+        low, high = (-half, half - 1) if register.signed else (register.low, 2 * half - 1)
+        high = high if register.high is None else register.high
+        if not low <= value <= high:
+            raise UserError(f"{name} must be {low} to {high}, not {value}.")
+    if "mode" in chosen:
+        raise UserError("Choose the mode by --start, --stop, --single or --pattern-only.")
+    if arguments.capture_ms is not None and not 0 <= arguments.capture_ms <= 0xFFFF:
+        raise UserError(f"--capture-ms must be 0 to 65535, not {arguments.capture_ms}.")
+    return chosen
+
+
+def _signed(name, value):
+    register = REGISTERS[name]
+    return value - (1 << register.bits) if (
+        register.signed and value >> register.bits - 1) else value
+
+
+def _write(commands, chosen):
+    """Write registers and read them back."""
+    for name, value in chosen.items():
+        commands.write(name, value)
+    for name, value in chosen.items():
+        got = commands.read(name)
+        if got != value:
+            raise UserError(f"The chip took {name} = {value} and reads back {got}: "
+                            "the chip is at fault, or another program writes too.")
+
+
+def _until(commands, done, seconds):
+    """The first status for which ``done(state)`` holds, or the last one after so many seconds."""
+    end = time.monotonic() + seconds
+    while True:
+        status = commands.status()
+        if done(status["state"]) or time.monotonic() > end:
+            return status
+        time.sleep(0.02)
+
+
+def stop(commands, seconds=3.0):
+    """Stop the chip and wait until it did."""
+    commands.write("mode", Mode.STOP)
+    state = _until(commands, lambda state: state.mode == Mode.STOP, seconds)["state"]
+    if state.mode != Mode.STOP:
+        raise UserError("The chip does not stop" + (
+            ", for its sensor is silent: reset the chip." if state.silent else ": reset it."))
+
+
+def load(commands, calibration, progress=None):
+    """Load all tables into a chip that is stopped, read them back, and commit them.
+
+    Parameters
+    ----------
+    commands : :class:`scripts.commands.Commands`
+        The chip.
+    calibration : :class:`calibration.file.Calibration`
+        What to load.
+    progress : callable or None
+        Told the words done and the words in all.
+    """
+    words = table_contents(calibration.settings)
+    total, done = 2 * sum(map(len, words.values())), 0
+
+    def step(count):
+        nonlocal done
+        done += count
+        if progress:
+            progress(done, total)
+
+    commands.begin(calibration.width, calibration.height, len(calibration.settings.line))
+    for table, first, some in commands.chunks(words):
+        commands.write_table(table, first, some)
+        step(len(some))
+    for table, first, some in commands.chunks(words):
+        got = commands.read_table(table, first, len(some))
+        if got != some:
+            wrong = next((at for at, (a, b) in enumerate(zip(got, some, strict=False)) if a != b),
+                         min(len(got), len(some)))
+            raise UserError(f"The table {table.name} reads back other than it was written, from "
+                            f"word {first + wrong} on: load again; if it stays so, the chip is at "
+                            "fault.")
+        step(len(some))
+    commands.commit(words)
+
+
+def _bar(console):
+    from rich import progress
+    return progress.Progress(
+        progress.TextColumn("{task.description}"), progress.BarColumn(),
+        progress.MofNCompleteColumn(), progress.TimeRemainingColumn(),
+        console=console, transient=True, disable=not console.is_terminal)
+
+
+def main(arguments):
+    """Load with parsed arguments; gives the exit status."""
+    from rich.console import Console
+
+    from scripts.status import laser
+    chosen = _chosen(arguments)
+    calibration = None
+    if arguments.calibration is not None:
+        from calibration import file
+        calibration = file.load(arguments.calibration)
+        chosen = {**{name: _signed(name, value)
+                     for name, value in calibration.settings.registers().items()}, **chosen}
+    console = Console(highlight=False)
+    with open_port(arguments.port, arguments.baud, arguments.rtscts) as port:
+        commands = Commands(port)
+        identity = commands.identify()
+        before = commands.status()["state"]
+        mode = arguments.mode
+        if calibration is not None:
+            check_chip(identity, calibration)
+            mode = before.mode if mode is None else mode
+            with _bar(Console(stderr=True)) as progress:
+                task = progress.add_task("stopping", total=None)
+                stop(commands)
+                progress.update(task, description="loading and reading back")
+                load(commands, calibration, lambda done, total: progress.update(
+                    task, completed=done, total=total))
+        _write(commands, chosen)
+        if arguments.clear:
+            commands.clear()
+        if arguments.capture_ms is not None:
+            commands.capture(arguments.capture_ms)
+        if mode is not None:
+            commands.write("mode", mode)
+        # A set of tables is taken at a frame's start; a chip that stands still may have none.
+        status = _until(
+            commands, lambda state: not state.committing and (
+                mode in (None, Mode.SINGLE) or state.mode == mode) and (
+                mode in (None, Mode.STOP) or state.armed), 2.0)
+    state = status["state"]
+    if calibration is not None:
+        words = sum(len(words) for words in table_contents(calibration.settings).values())
+        console.print(f"loaded and read back: {len(TABLES)} tables, {words} words, "
+                      f"{len(chosen)} registers")
+    elif chosen:
+        console.print("written and read back: " + ", ".join(
+            f"{name} = {value}" for name, value in chosen.items()))
+    tables = ("loaded, they are taken at the next frame's start" if state.committing
+              else "valid" if state.tables_valid else "none that are valid")
+    console.print(f"tables: {tables}")
+    console.print(f"laser: {laser(status)}")
+    console.print(f"mode: {_mode(state)}")
+    return 0
+
+
+def _mode(state):
+    words = {Mode.STOP: "stopped; `cyclope load PORT --start` starts it",
+             Mode.CONTINUOUS: "continuous", Mode.SINGLE: "single pair",
+             Mode.PATTERN: "pattern only"}[state.mode]
+    return words + (", but the sensor is silent" if state.silent else "")

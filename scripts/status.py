@@ -1,0 +1,87 @@
+"""``cyclope status``: what the chip is, what it does, and all its counters."""
+
+from hdl.protocol import GUARD_CAUSES, STATUS_FIELDS, Mode
+from scripts.commands import Commands
+from scripts.port import add_port_arguments, open_port
+
+__all__ = ["add_arguments", "causes", "laser", "main", "status_table"]
+
+_MODES = {Mode.STOP: "stopped", Mode.CONTINUOUS: "continuous", Mode.SINGLE: "single pair",
+          Mode.PATTERN: "pattern only"}
+_CAUSES = {
+    "pulse": "a pulse longer than the ceiling", "repetition": "a pulse too soon after another",
+    "duty": "too much light in the window", "not_armed": "light asked for while not armed",
+    "heartbeat": "frames that stopped coming"}
+_PRESETS = ("capsule", "paper")
+
+
+def add_arguments(parser):
+    """Declare what ``cyclope status`` takes."""
+    parser.description = "Ask the chip what it is and does, and print all its counters."
+    parser.add_argument("port", metavar="PORT", help="serial device, such as /dev/ttyUSB0")
+    parser.add_argument("--registers", action="store_true", help="print all registers too")
+    add_port_arguments(parser)
+
+
+def causes(status):
+    """What the laser guard holds, in words."""
+    return [_CAUSES.get(name, name) for bit, name in enumerate(GUARD_CAUSES)
+            if status["guard_causes"] >> bit & 1]
+
+
+def laser(status):
+    """State of the laser, in words."""
+    state = status["state"]
+    held = causes(status)
+    words = "armed" if state.armed else "disarmed"
+    if state.capture:
+        words += " by the calibration capture"
+    elif not state.tables_valid:
+        words += ": there are no valid tables"
+    return words + (f"; the guard saw {', '.join(held)}" if held else "")
+
+
+def status_table(identity, status):
+    """A table of both."""
+    from rich import box
+    from rich.table import Table
+    state = status["state"]
+    table = Table(box=box.SIMPLE, show_header=False, padding=(0, 1), pad_edge=False)
+    table.add_column(no_wrap=True)
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column(style="dim")
+    preset = identity["preset"]
+    table.add_row("sensor", f"{identity['width']} x {identity['height']}", "pixels")
+    table.add_row("beams", str(identity["beams"]), f"{identity['lanes']} lines tried at a time")
+    table.add_row("preset", _PRESETS[preset] if preset < len(_PRESETS) else str(preset),
+                  f"system clock {identity['clock_khz'] / 1000:g} MHz")
+    table.add_section()
+    table.add_row("mode", _MODES[state.mode], "the sensor is silent" if state.silent else "")
+    table.add_row("tables", "valid" if state.tables_valid else "none", f"bank {state.bank}" + (
+        ", a new set waits for its frame" if state.committing else ""))
+    table.add_row("laser", "armed" if state.armed else "disarmed", "; ".join(
+        [*(["calibration capture"] if state.capture else []), *causes(status)]))
+    table.add_section()
+    for field in STATUS_FIELDS:
+        if field.name not in ("state", "guard_causes"):
+            table.add_row(field.name.replace("_", " "), str(status[field.name]), field.meaning)
+    return table
+
+
+def main(arguments):
+    """Print the state of the chip; gives the exit status."""
+    from rich.console import Console
+    console = Console()
+    with open_port(arguments.port, arguments.baud, arguments.rtscts) as port:
+        commands = Commands(port)
+        console.print(status_table(commands.identify(), commands.status()))
+        if arguments.registers:
+            from rich import box
+            from rich.table import Table
+
+            from scripts.commands import REGISTERS
+            table = Table(box=box.SIMPLE, show_header=False, padding=(0, 1), pad_edge=False)
+            for name, register in REGISTERS.items():
+                table.add_row(name, str(commands.read(name)), register.meaning)
+            console.print(table)
+    return 0

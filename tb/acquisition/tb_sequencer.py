@@ -253,3 +253,172 @@ async def random_world(dut):
     outcomes = {frame.outcome for frame in schedule.frames}
     assert outcomes == {"whole", "broken", "missing"} and schedule.late
     assert len(schedule.frames) > 100 and len(schedule.running) > 5
+
+
+@cocotb.test(timeout_time=50, timeout_unit="ms")
+async def pairs_come_in_time(dut):
+    """Patterns a period apart to the clock; a frame costs its microseconds and a few clocks."""
+    clocks = parameters()["clocks"]
+    bench = SequencerBench(dut, [frame()], [(0, QUICK)], lit=lambda number: number % 2 == 0)
+    await bench.begin()
+    schedule = await bench.check(1600 * clocks)
+    patterns = [taken for taken in schedule.frames if not taken.texture]
+    starts = [taken.pins["sensor_integrate"][0] for taken in patterns]
+    assert len(starts) > 10 and set(np.diff(starts)) == {140 * clocks} and not schedule.late
+    assert all(taken.asked != taken.texture for taken in schedule.frames)
+    frames = schedule.frames
+    assert [taken.texture for taken in frames] == [n % 2 == 1 for n in range(len(frames))]
+    assert frames[1].start == frames[0].start + (3 + 4) * clocks + 2 + (8 + 60) + 3 + 2
+
+
+@cocotb.test(timeout_time=50, timeout_unit="ms")
+@cocotb.parametrize(times=[
+    (1, 1, 1, 1, 1), (0, 0, 0, 0, 0), (65_535, 1, 1, 1, 1), (1, 65_535, 1, 1, 65_535),
+    (65_535, 1, 65_535, 65_535, 1)])
+async def limits(dut, times):
+    """The shortest and the longest times; what does not fit in its period follows at once."""
+    clocks = parameters()["clocks"]
+    bench = SequencerBench(dut, [frame()], [(0, Registers(CONTINUOUS, *times))])
+    await bench.begin()
+    schedule = await bench.check((2 * max(times[0], sum(times[1:])) + 200) * clocks)
+    assert len(schedule.frames) >= 4
+    assert bool(schedule.late) == (times[0] <= sum(times[1:]))
+
+
+@cocotb.test(timeout_time=50, timeout_unit="ms")
+async def values_are_taken_after_the_start(dut):
+    """A change in each clock around `frame_start`; only up to the clock after it is it heard."""
+    clocks = parameters()["clocks"]
+    changes, heard = [(0, QUICK)], []
+    for place, offset in enumerate(range(-4, 6), 1):
+        start = clocks + 140 * clocks * place
+        changes.append((start + offset, Registers(CONTINUOUS, 140, 3, 10 + place, 2, 30)))
+        heard.append(10 + place if offset <= 1 else 9 + place)
+    bench = SequencerBench(dut, [frame()], changes)
+    await bench.begin()
+    schedule = await bench.check(140 * clocks * 11)
+    patterns = [taken for taken in schedule.frames if not taken.texture]
+    assert [taken.exposure_us for taken in patterns[1:11]] == heard
+
+
+@cocotb.test(timeout_time=50, timeout_unit="ms")
+async def stop_at_any_time(dut):
+    """A frame that has begun is finished, and nothing follows it."""
+    clocks = parameters()["clocks"]
+    changes = [(0, QUICK)]
+    for part in range(1, 16):
+        changes += [(part * 500 * clocks, Registers(STOP)),
+                    (part * 500 * clocks + 200 * clocks + part * 17, QUICK)]
+    changes = [(clock + number * 29, values) if number else (0, values)
+               for number, (clock, values) in enumerate(changes)]
+    bench = SequencerBench(dut, [frame()], changes)
+    await bench.begin()
+    schedule = await bench.check(8000 * clocks)
+    assert len(schedule.running) > 15
+    ends = {next(taken.texture for taken in reversed(schedule.frames) if taken.start < end)
+            for _, end in schedule.running if end}
+    assert ends == {False, True}, "stops behind patterns and behind textures"
+
+
+@cocotb.test(timeout_time=50, timeout_unit="ms")
+async def single_pairs_wait_for_the_laser(dut):
+    """Dark patterns until the guard is armed, one pair, silence; another one when asked."""
+    clocks = parameters()["clocks"]
+    single = Registers(SINGLE, 140, 3, 4, 2, 30)
+    armed = [(0, 0), (130 * clocks, 1), (700 * clocks, 0), (1300 * clocks, 1)]
+    bench = SequencerBench(
+        dut, [frame()], [(0, Registers(STOP)), (5 * clocks, single)], armed, [900 * clocks])
+    await bench.begin()
+    schedule = await bench.check(1800 * clocks)
+    kinds = "".join("T" if taken.texture else "L" if taken.asked else "D"
+                    for taken in schedule.frames)
+    assert kinds.count("LT") == 2 and kinds.replace("D", "") == "LTLT"
+    assert kinds.startswith("DDDD") and "TDDDD" in kinds
+    assert len(schedule.running) == 2 and not schedule.late
+
+
+@cocotb.test(timeout_time=50, timeout_unit="ms")
+async def single_pair_without_laser(dut):
+    """A guard that stays disarmed holds up the pair for `warm_up_us`, no longer."""
+    clocks, warm_up_us = parameters()["clocks"], parameters()["warm_up_us"]
+    bench = SequencerBench(dut, [frame()], [(0, Registers(SINGLE, 140, 3, 4, 2, 30))], [(0, 0)])
+    await bench.begin()
+    schedule = await bench.check((warm_up_us + 500) * clocks)
+    assert not any(taken.asked for taken in schedule.frames)
+    assert [taken.texture for taken in schedule.frames].count(True) == 1
+    first, last = schedule.frames[0], schedule.frames[-2]
+    assert 0 <= last.start - first.start - warm_up_us * clocks < 40 * clocks
+    assert schedule.running[0][1] is not None
+
+
+@cocotb.test(timeout_time=50, timeout_unit="ms")
+@cocotb.parametrize(fault=["silent", "stops", "hangs broken"])
+async def imager_fails_and_comes_back(dut, fault):
+    """No heartbeat meanwhile; the first frame afterwards is whole, and gives one."""
+    clocks = parameters()["clocks"]
+    bad = {"silent": (None, None, True, 0), "stops": (8, None, True, 400),
+           "hangs broken": (8, 30, False, 300 * clocks)}[fault]
+    bench = SequencerBench(dut, [frame()] * 5 + [bad] * 9 + [frame()], [(0, QUICK)])
+    await bench.begin()
+    schedule = await bench.check(3000 * clocks)
+    outcomes = [taken.outcome for taken in schedule.frames]
+    assert outcomes[:5] == ["whole"] * 5 and set(outcomes[14:]) == {"whole"}
+    assert set(outcomes[5:14]) == {"broken" if fault == "hangs broken" else "missing"}
+    beats = [clock for clock, _ in bench.edges["heartbeat"]]
+    assert not [clock for clock in beats if schedule.frames[5].start < clock
+                < schedule.frames[14].pins["sensor_read"][0]]
+
+
+@cocotb.test(timeout_time=50, timeout_unit="ms")
+async def early_frames_do_not_count(dut):
+    """A frame that nobody asked for, during the exposure, is none; the one asked for is."""
+    clocks = parameters()["clocks"]
+    bench = SequencerBench(dut, [(None, None, True, 0)] * 4 + [frame()], [
+        (0, Registers(CONTINUOUS, 140, 3, 30, 2, 30))])
+    cocotb.start_soon(early(bench, 4))
+    await bench.begin()
+    schedule = await bench.check(1200 * clocks)
+    outcomes = [taken.outcome for taken in schedule.frames]
+    assert outcomes[:4] == ["missing"] * 4 and set(outcomes[4:]) == {"whole"}
+
+
+async def early(bench, count):
+    """Frames of which the end comes when one could be expected, but not the beginning."""
+    for _ in range(count):
+        await RisingEdge(bench.dut.sensor_integrate)
+        await ClockCycles(bench.dut.clk, 4)
+        bench.dut.frame_begun.value = 1
+        await RisingEdge(bench.dut.clk)
+        bench.dut.frame_begun.value = 0
+        await RisingEdge(bench.dut.sensor_read)
+        await ClockCycles(bench.dut.clk, 6)
+        bench.dut.frame_ended.value = 1
+        await RisingEdge(bench.dut.clk)
+        bench.dut.frame_ended.value = 0
+
+
+@cocotb.test(timeout_time=50, timeout_unit="ms")
+async def counters_stop_at_255(dut):
+    """So many frames missing, each pair late for it."""
+    clocks = parameters()["clocks"]
+    bench = SequencerBench(dut, [(None, None, True, 0)], [(0, Registers(CONTINUOUS, *[1] * 5))])
+    await bench.begin()
+    await bench.check(300 * 2 * 25 * clocks)
+    for name in ("timeouts", "late"):
+        assert bench.edges[name][-1][1] == 255
+        assert getattr(dut, name).value.to_unsigned() == 255
+
+
+@cocotb.test(timeout_time=50, timeout_unit="ms")
+@cocotb.parametrize(after_us=[2, 5, 20, 35])
+async def reset_ends_everything(dut, after_us):
+    clocks = parameters()["clocks"]
+    bench = SequencerBench(dut, [frame()], [(0, QUICK)])
+    await bench.begin()
+    await bench.until(after_us * clocks)
+    dut.rst.value = 1
+    await RisingEdge(dut.clk)
+    await ReadOnly()
+    assert not any(getattr(dut, name).value for name in (*PINS, *NUMBERS, "tag"))
+    await ClockCycles(dut.clk, 400)
+    assert not dut.sensor_reset.value and not dut.running.value

@@ -1,0 +1,163 @@
+"""Which bank of a frame store is whose."""
+
+from amaranth import *
+from amaranth.lib import wiring
+from amaranth.lib.cdc import FFSynchronizer
+from amaranth.lib.wiring import In, Out
+
+from ..payloads import StoredFrame
+
+__all__ = ["FrameBanks"]
+
+_COUNT_BITS = 8
+
+
+class FrameBanks(wiring.Component):
+    """Shares the banks of a frame store between a writer and a reader with unrelated clocks.
+
+    The writer works in the domain ``sync``, the reader in the domain ``display``. A frame goes to
+    a bank that neither is held by the reader nor keeps the newest whole frame. With three banks
+    there always is one. With two there is none while the reader holds one and the other keeps a
+    newer frame: a frame that begins then is skipped whole, and counted. The reader asks whenever
+    it likes, and gets the newest whole frame.
+
+    The reader raises one request line and keeps it up until it sees the answer; the writer does
+    alike. Both lines go through two flip-flops. The bank number and what is known of its frame
+    stand still from before the answer rises until the next request: the reader's side takes them
+    only when the answer has arrived, so they cross without flip-flops of their own.
+
+    An answer takes at most 5 clocks of ``display`` and 4 of ``sync``. Reset empties all banks; both
+    domains must be reset together, each for at least 4 clocks of the other.
+
+    Parameters
+    ----------
+    banks : :class:`int`
+        2 or 3.
+    shape : shape-like
+        What is known of a frame.
+
+    Members
+    -------
+    opens : :py:`In(1)`
+        A frame begins in this clock (``sync``).
+    info : :py:`In(shape)`
+        What is known of it, in that clock.
+    free : :py:`Out(1)`
+        High if that frame may be written.
+    write_bank : :py:`Out(2)`
+        Bank to write to, from that clock on until the frame's end.
+    closes : :py:`In(1)`
+        The frame that was written is whole; its last word is written in this clock.
+    skipped, unread : :py:`Out(8)`
+        Frames that found no free bank, and whole frames that a newer one replaced before the
+        reader asked. They stop at 255.
+    acquire : :py:`In(1)`
+        The reader gives back its bank and asks for the newest frame (``display``). What it has
+        read up to this clock is good. Heard only while ``idle`` is high.
+    give_back : :py:`In(1)`
+        The reader gives back its bank and wants no other. Heard like ``acquire``, which goes first.
+    idle : :py:`Out(1)`
+        The reader may ask.
+    held : :py:`Out(1)`
+        The reader has a bank. Low in the clock after it asks; after the answer it stays low if no
+        frame has been stored yet.
+    fresh : :py:`Out(1)`
+        It was not read before.
+    read_bank : :py:`Out(2)`
+        Its number, while ``held``.
+    frame : :py:`Out(shape)`
+        What is known of it, while ``held``.
+    """
+
+    def __init__(self, banks=2, shape=StoredFrame):
+        if banks not in (2, 3) or isinstance(banks, bool):
+            raise ValueError(f"The number of banks must be 2 or 3, not {banks!r}")
+        self.banks, self.shape = banks, shape
+        super().__init__({
+            "opens": In(1),
+            "info": In(shape),
+            "free": Out(1, init=1),
+            "write_bank": Out(range(banks)),
+            "closes": In(1),
+            "skipped": Out(_COUNT_BITS),
+            "unread": Out(_COUNT_BITS),
+            "acquire": In(1),
+            "give_back": In(1),
+            "idle": Out(1),
+            "held": Out(1),
+            "fresh": Out(1),
+            "read_bank": Out(range(banks)),
+            "frame": Out(shape),
+        })
+
+    def elaborate(self, platform):
+        m = Module()
+        bank = range(self.banks)
+
+        # Roles of the banks, in `sync`. The writer's is neither the newest one nor the reader's;
+        # the newest one may be the reader's too. What is known of a frame goes with the role.
+        newest, newest_exists = Signal(bank), Signal()
+        reader, reader_exists = Signal(bank), Signal()
+        newest_is_unread, reader_is_fresh = Signal(), Signal()
+        written_info, newest_info = Signal(self.shape), Signal(self.shape)
+        reader_info = Signal(self.shape)
+
+        request, wants = Signal(), Signal()  # of the reader, in `display`
+        answer = Signal()  # of the writer, in `sync`
+        request_heard, answer_heard = Signal(), Signal()
+        m.submodules.request = FFSynchronizer(request, request_heard)
+        m.submodules.answer = FFSynchronizer(answer, answer_heard, o_domain="display")
+
+        # The writer's side. A request that comes with the end of a frame waits a clock, and gets
+        # that frame.
+        grants = Signal()
+        m.d.comb += grants.eq(request_heard & ~answer & ~self.closes)
+        with m.If(grants):
+            m.d.sync += answer.eq(1)
+        with m.Elif(~request_heard):
+            m.d.sync += answer.eq(0)
+
+        with m.If(self.opens):
+            m.d.sync += written_info.eq(self.info)
+            with m.If(~self.free):
+                m.d.sync += self.skipped.eq(self.skipped + ~self.skipped.all())
+        with m.If(self.closes):
+            m.d.sync += [
+                newest.eq(self.write_bank), newest_exists.eq(1), newest_is_unread.eq(1),
+                newest_info.eq(written_info),
+                self.unread.eq(self.unread + (newest_is_unread & ~self.unread.all())),
+            ]
+            with m.Switch(Cat(self.write_bank, reader, reader_exists)):
+                for written in bank:
+                    for held in (None, *bank):
+                        left = [number for number in bank if number not in (written, held)]
+                        with m.Case(self._case(written, held)):
+                            m.d.sync += [self.write_bank.eq(left[0] if left else written),
+                                         self.free.eq(bool(left))]
+        with m.If(grants):
+            m.d.sync += reader_exists.eq(wants & newest_exists)
+            with m.If(wants):
+                m.d.sync += [
+                    reader.eq(newest), reader_info.eq(newest_info),
+                    reader_is_fresh.eq(newest_is_unread), newest_is_unread.eq(0),
+                ]
+            if self.banks == 2:
+                with m.If(~self.free):
+                    m.d.sync += [self.write_bank.eq(~newest), self.free.eq(1)]
+
+        # The reader's side. The next request waits until the answer to the last one has gone.
+        m.d.comb += self.idle.eq(~request & ~answer_heard)
+        with m.If(self.idle & (self.acquire | self.give_back)):
+            m.d.display += [request.eq(1), wants.eq(self.acquire), self.held.eq(0)]
+        with m.If(request & answer_heard):
+            m.d.display += [
+                request.eq(0), self.held.eq(reader_exists), self.fresh.eq(reader_is_fresh),
+                self.read_bank.eq(reader), self.frame.eq(reader_info),
+            ]
+        return m
+
+    def _case(self, written, held):
+        """Pattern of the written bank, the reader's bank and whether the reader has one."""
+        bits = len(self.read_bank)
+        reader = f"0{'-' * bits}" if held is None else f"1{held:0{bits}b}"
+        return f"{reader}{written:0{bits}b}"

@@ -1,0 +1,142 @@
+"""Frames between two clocks, in memory blocks of the chip."""
+
+from amaranth import *
+from amaranth.lib import stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from ..payloads import GreyPixel, StoredFrame
+from .frame_banks import FrameBanks
+
+__all__ = ["FrameMemory"]
+
+_COUNT_BITS = 8
+#: Pixels of the largest memory block of the Virtex-II Pro, one bit wide.
+_PAGE = 1 << 14
+
+
+class FrameMemory(wiring.Component):
+    """Stores frames in the domain ``sync`` and has them read, whole, in the domain ``display``.
+
+    Takes a pixel in every clock and never makes the camera wait. The reader keeps a bank for as
+    long as it likes and reads it in any order; meanwhile frames go to the others. No bank is
+    written while the reader has it, whatever the clocks: :class:`.FrameBanks` tells how, and what
+    becomes of frames that nobody asks for. A broken frame, or one of another size, is thrown away
+    and counted; its bank takes the next one.
+
+    The memory is cut into pages of 16,384 pixels, so that it needs no more blocks than its bits do:
+    50 RAMB16 for each bank of 352 x 288. Its content is undefined until a frame has been stored.
+
+    Parameters
+    ----------
+    width, height : :class:`int`
+        Frame size in pixels.
+    banks : :class:`int`
+        2, or 3 so that no frame is ever skipped.
+    shape : shape-like
+        What is known of a frame.
+
+    Members
+    -------
+    i : :py:`In(stream.Signature(GreyPixel, always_ready=True))`
+        Frames.
+    info : :py:`In(shape)`
+        What is known of a frame, heard with its first pixel.
+    broken, skipped, unread : :py:`Out(8)`
+        Frames that broke off, that found no free bank, and that a newer one replaced before the
+        reader asked; frames = broken + skipped + unread + the reader's fresh ones, but for the last
+        whole one. They stop at 255.
+    acquire, give_back, idle, held, fresh, frame
+        The reader's side of :class:`.FrameBanks`, in ``display``.
+    address : :py:`In(range(width * height))`
+        Pixel of the held frame, row after row (``display``).
+    data : :py:`Out(8)`
+        Its grey value, two clocks later. The address of the clock of ``acquire`` or ``give_back``
+        is the last one that is answered.
+    """
+
+    latency = 2
+
+    def __init__(self, width, height, banks=2, shape=StoredFrame):
+        for name, value in (("width", width), ("height", height)):
+            if not isinstance(value, int) or not 2 <= value <= 512:
+                raise ValueError(f"Frame {name} must be an integer from 2 to 512, not {value!r}")
+        self.width, self.height, self.shape = width, height, shape
+        self._banks = FrameBanks(banks, shape)
+        self.banks = banks
+        super().__init__({
+            "i": In(stream.Signature(GreyPixel, always_ready=True)),
+            "info": In(shape),
+            "broken": Out(_COUNT_BITS),
+            "skipped": Out(_COUNT_BITS),
+            "unread": Out(_COUNT_BITS),
+            "acquire": In(1),
+            "give_back": In(1),
+            "idle": Out(1),
+            "held": Out(1),
+            "fresh": Out(1),
+            "frame": Out(shape),
+            "address": In(range(width * height)),
+            "data": Out(8),
+        })
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.banks = banks = self._banks
+        pixels = self.width * self.height
+
+        # Writing. `inside` a frame, `taking` it; a frame that is too long wraps around in its bank.
+        inside, taking = Signal(), Signal()
+        place, too_long = Signal(range(pixels)), Signal()
+        first, writes, ends, whole = Signal(), Signal(), Signal(), Signal()
+        mark = self.i.p.mark
+        m.d.comb += [
+            first.eq(self.i.valid & ~inside & ~mark.broken),
+            writes.eq(self.i.valid & Mux(inside, taking, banks.free)),
+            ends.eq(self.i.valid & mark.frame_end),
+            whole.eq(~mark.broken & ~too_long & (place == pixels - 1)),
+            banks.opens.eq(first),
+            banks.info.eq(self.info),
+            banks.closes.eq(ends & writes & whole),
+            self.skipped.eq(banks.skipped),
+            self.unread.eq(banks.unread),
+        ]
+        with m.If(first):
+            m.d.sync += [inside.eq(1), taking.eq(banks.free)]
+        with m.If(self.i.valid):
+            m.d.sync += place.eq(Mux(place == pixels - 1, 0, place + 1))
+            m.d.sync += too_long.eq(too_long | (place == pixels - 1))
+        with m.If(ends):
+            m.d.sync += [inside.eq(0), place.eq(0), too_long.eq(0)]
+            with m.If(~whole & Mux(inside, taking, first & banks.free)):
+                m.d.sync += self.broken.eq(self.broken + ~self.broken.all())
+
+        # Reading.
+        m.d.comb += [
+            banks.acquire.eq(self.acquire), banks.give_back.eq(self.give_back),
+            self.idle.eq(banks.idle), self.held.eq(banks.held), self.fresh.eq(banks.fresh),
+            self.frame.eq(banks.frame),
+        ]
+        page_bits = (_PAGE - 1).bit_length()
+        words = {}
+        for bank in range(self.banks):
+            for page in range(-(-pixels // _PAGE)):
+                memory = Memory(shape=8, depth=min(_PAGE, pixels - page * _PAGE), init=[])
+                m.submodules[f"bank_{bank}_page_{page}"] = memory
+                write, read = memory.write_port(), memory.read_port(domain="display")
+                m.d.comb += [
+                    write.addr.eq(place[:page_bits]),
+                    write.data.eq(self.i.p.grey),
+                    write.en.eq(writes & (banks.write_bank == bank)
+                                & (place[page_bits:] == page)),
+                    read.addr.eq(self.address[:page_bits]),
+                    read.en.eq(1),
+                ]
+                words[bank, page] = read.data
+        chosen = Signal(len(banks.read_bank) + len(self.address[page_bits:]))
+        m.d.display += chosen.eq(Cat(banks.read_bank, self.address[page_bits:]))
+        with m.Switch(chosen):
+            for (bank, page), word in words.items():
+                with m.Case(bank | page << len(banks.read_bank)):
+                    m.d.display += self.data.eq(word)
+        return m

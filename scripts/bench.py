@@ -1,6 +1,6 @@
-"""``make bench``: speed, accuracy, latency and size, each measured now.
+"""``make bench``: speed, accuracy, latency, noise and size, each measured now.
 
-``python -m scripts.bench speed|accuracy|latency|size`` prints one part.
+``python -m scripts.bench speed|accuracy|latency|noise|size`` prints one part.
 """
 
 import sys
@@ -116,13 +116,30 @@ def latency(console):
     console.print(table)
 
 
+def noise(console):
+    """What bit errors on the line cost, on its octets and on its start and stop bits too."""
+    from rich.progress import track
+
+    from tb.link.noise import measure
+    table = _table("The link at a bit-error rate of 1e-4: of its octets, of its levels", "", "seed",
+                   "octets", "errors", "packets", "wrong", "lost", "not hit", "right at last")
+    runs = [(characters, seed) for characters in (False, True) for seed in _SEEDS]
+    for characters, seed in track(runs, "noise", console=Console(stderr=True), transient=True):
+        figures = measure(1_000_000, 1e-4, seed, characters)
+        table.add_row(
+            "levels" if characters else "octets", str(seed), f"{figures.octets:,}",
+            str(figures.errors), f"{figures.packets:,}", str(figures.wrong), str(figures.lost),
+            str(figures.bystanders), "yes" if figures.recovered else "no")
+    console.print(table)
+
+
 def size(console):
     """Look-up tables, flip-flops, multipliers and block RAMs of every block."""
     from scripts import size as sizes
     sizes.main([])
 
 
-PARTS = {part.__name__: part for part in (speed, accuracy, latency, size)}
+PARTS = {part.__name__: part for part in (speed, accuracy, latency, noise, size)}
 
 
 def main(arguments=None):

@@ -166,7 +166,6 @@ def main(arguments):
         calibration = file.load(arguments.calibration)
         chosen = {**{name: _signed(name, value)
                      for name, value in calibration.settings.registers().items()}, **chosen}
-    console = Console(highlight=False)
     with open_port(arguments.port, arguments.baud, arguments.rtscts) as port:
         commands = Commands(port)
         identity = commands.identify()
@@ -196,16 +195,16 @@ def main(arguments):
     state = status["state"]
     if calibration is not None:
         words = sum(len(words) for words in table_contents(calibration.settings).values())
-        console.print(f"loaded and read back: {len(TABLES)} tables, {words} words, "
+        print(f"loaded and read back: {len(TABLES)} tables, {words} words, "
                       f"{len(chosen)} registers")
     elif chosen:
-        console.print("written and read back: " + ", ".join(
+        print("written and read back: " + ", ".join(
             f"{name} = {value}" for name, value in chosen.items()))
     tables = ("loaded, they are taken at the next frame's start" if state.committing
               else "valid" if state.tables_valid else "none that are valid")
-    console.print(f"tables: {tables}")
-    console.print(f"laser: {laser(status)}")
-    console.print(f"mode: {_mode(state)}")
+    print(f"tables: {tables}")
+    print(f"laser: {laser(status)}")
+    print(f"mode: {_mode(state)}")
     return 0
 
 

@@ -3,6 +3,7 @@
 import errno
 import os
 import stat
+import termios
 
 from scripts.errors import UserError
 
@@ -54,7 +55,6 @@ class Port:
         self._guarded(lambda: self._device.write(octets))
 
     def _guarded(self, work):
-        import termios
 
         import serial
         try:
@@ -75,7 +75,7 @@ def _reason(error, name):
                 "(Debian: adduser USER dialout) and log in again.")
     if error.errno in (errno.EBUSY, errno.EAGAIN):
         return f"{name} is in use by another program: close that first."
-    if error.errno == errno.ENOTTY:
+    if isinstance(error.__context__, termios.error):
         return f"{name} is not a serial device."
     return f"{name} cannot be opened: {os.strerror(error.errno) if error.errno else error}."
 
@@ -97,7 +97,6 @@ def open_port(name, baud=BAUD, rtscts=False):
     UserError
         If it cannot be opened.
     """
-    import termios
 
     import serial
     name = str(name)
@@ -114,6 +113,4 @@ def open_port(name, baud=BAUD, rtscts=False):
         raise UserError(f"{name} cannot be opened at {baud} baud: {error}.") from error
     except OSError as error:
         raise UserError(_reason(error, name)) from error
-    except termios.error as error:
-        raise UserError(f"{name} is not a serial device.") from error
     return Port(device, name)

@@ -1,0 +1,567 @@
+"""``cyclope load``, ``status`` and ``receive`` across a pseudo-terminal."""
+
+import csv
+import os
+import signal
+import threading
+import time
+from contextlib import contextmanager
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration import file
+from hdl.protocol import TABLE_VERSION, Command, Mode, Reason
+from scripts import cli, port
+from scripts.commands import REGISTERS, SENTENCES, Commands, RefusedError
+from scripts.errors import UserError
+from scripts.messages import POINT
+from scripts.points import locate
+from scripts.recorder import MISMATCH, Texture
+from scripts.terminal import Terminal
+from tb.link.wire import Wire, make_frame
+from tb.system.fake_instrument import FakeInstrument, any_calibration, images
+
+TEXTURE = np.random.default_rng(1).integers(0, 256, (64, 64), np.uint8)
+
+
+@contextmanager
+def open_fake(calibration, shown, speed=8.0, **choices):
+    """A fake instrument behind a pseudo-terminal."""
+    fake = FakeInstrument(shown, len(calibration.settings.line), TEXTURE, **choices)
+    with Terminal(fake, speed=speed) as terminal:
+        yield terminal
+
+
+#: What the reader is tested against: a context manager, given the calibration and the frames to
+#: show, of something with the members of :class:`scripts.terminal.Terminal`.
+INSTRUMENTS = {"fake": open_fake}
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory):
+    """Calibration of a small sensor, and the file that holds it."""
+    calibration = any_calibration()
+    path = tmp_path_factory.mktemp("rig") / "calibration.json"
+    file.save(calibration, path)
+    return calibration, path
+
+
+@pytest.fixture
+def terminal(rig):
+    """A fake instrument that nothing was loaded into."""
+    with open_fake(rig[0], images()) as opened:
+        yield opened
+
+
+def run(*words):
+    """Exit status of a ``cyclope`` command."""
+    return cli.main(list(words))
+
+
+def rows(path):
+    """Rows of a table."""
+    with open(path) as text:
+        return list(csv.DictReader(text))
+
+
+def said(capsys):
+    """The sentence on the error output."""
+    error = capsys.readouterr().err
+    assert error.startswith("cyclope: ") and error.count("\n") == 1, error
+    return error[9:].strip()
+
+
+def contents(folder):
+    """All files below a folder."""
+    return {str(path.relative_to(folder)): path.read_bytes()
+            for path in folder.rglob("*") if path.is_file()}
+
+
+def expected(points, index, calibration):
+    """Rows of points.csv for a frame; intensity does not show there."""
+    located = locate(points, index, calibration, np.zeros((64, 64), np.uint8))
+    return [(str(index), str(point["beam"]), f"{point['u']:.4f}", f"{point['v']:.4f}",
+             str(point["area"]), *(f"{point[name]:.4f}" for name in "xyz")) for point in located]
+
+
+@pytest.mark.parametrize("kind", INSTRUMENTS)
+def test_load_run_receive_replay(kind, rig, tmp_path, capsys):
+    """All of it: what arrives is what the model makes of the same frames with the same tables."""
+    calibration, path = rig
+    shown = images()
+    out, again = tmp_path / "out", tmp_path / "again"
+    with INSTRUMENTS[kind](calibration, shown) as terminal:
+        assert run("load", terminal.path, path, "--start", "--pattern-us", "400") == 0
+        told = capsys.readouterr().out
+        assert "tables: valid" in told and "laser: armed" in told and "mode: continuous" in told
+        assert run("status", terminal.path, "--registers") == 0
+        told = capsys.readouterr().out
+        assert "64 x 64" in told and "continuous" in told and "armed" in told
+        assert run("receive", terminal.path, "--calibration", path, "-o", out, "--frames",
+                   "40") == 0
+        assert "40 frames" in capsys.readouterr().out
+    frames = rows(out / "frames.csv")
+    patterns = [row for row in frames if row["kind"] == "pattern"]
+    assert len(patterns) == 40 and len(frames) >= 78
+    numbers = [int(row["number"]) for row in patterns]
+    assert numbers == list(range(numbers[0], numbers[0] + 80, 2))
+    assert {(row["laser"], row["exposure_us"], row["check"], row["lost_packets"])
+            for row in patterns[1:]} == {("on", "400", "ok", "0")}
+    assert {row["laser"] for row in frames if row["kind"] == "texture"} == {"off"}
+    times = [int(row["timestamp_us"]) for row in frames]
+    assert times == sorted(times)
+
+    from model.capsule import Capsule
+    model = Capsule(calibration.settings, 64, 64)
+    truth = [model.frame(image).points for image in shown]
+    wanted = []
+    for number in numbers:
+        points = truth[number // 2 % len(shown)]
+        wanted += expected(points[points["status"] == 0], number, calibration)
+    got = [tuple(row.values()) for row in rows(out / "points.csv") if row["status"] == "ok"]
+    assert len(got) > 100 and [row[:-1] for row in got] == wanted
+    header = (out / "points.ply").read_text().split("end_header\n")
+    assert f"element vertex {len(got)}" in header[0] and header[1].count("\n") == len(got)
+    textures = sorted((out / "texture").iterdir())
+    assert len(textures) >= 3
+    for picture in [*textures, out / "texture.png"]:
+        assert np.array_equal(cv2.imread(str(picture), cv2.IMREAD_GRAYSCALE), TEXTURE)
+
+    assert run("receive", out / "link.raw", "--calibration", path, "-o", again) == 0
+    assert contents(out) == contents(again)
+
+
+def test_load_stops_and_goes_on(terminal, rig, capsys):
+    """Without a mode the chip goes on as it was; without a calibration only the rest is done."""
+    fake = terminal.instrument
+    assert run("load", terminal.path, rig[1]) == 0
+    assert fake.registers["mode"] == Mode.STOP
+    assert "mode: stopped" in capsys.readouterr().out
+    assert run("load", terminal.path, "--pattern-only") == 0
+    assert fake.registers["mode"] == Mode.PATTERN
+    assert run("load", terminal.path, rig[1], "--register", "full_records=1") == 0
+    assert fake.registers["mode"] == Mode.PATTERN and fake.registers["full_records"] == 1
+    for name, value in rig[0].settings.registers().items():
+        assert fake.registers[name] & 0x3FFFF == value, name
+    assert run("load", terminal.path, "--single") == 0
+    assert run("load", terminal.path, "--stop", "--texture-us", "1234", "--period-us",
+               "50000") == 0
+    assert "texture_us = 1234" in capsys.readouterr().out
+    assert fake.registers["mode"] == Mode.STOP
+    assert (fake.registers["texture_us"], fake.registers["period_us"]) == (1234, 50_000)
+
+
+def test_capture_and_causes(terminal, capsys):
+    terminal.instrument.guard_causes = 0b10010
+    assert run("load", terminal.path, "--capture-ms", "60000", "--start") == 0
+    told = capsys.readouterr().out
+    assert ("laser: armed by the calibration capture; the guard saw a pulse too soon after "
+            "another, frames that stopped coming") in told
+    assert "tables: none that are valid" in told
+    assert run("load", terminal.path, "--clear", "--capture-ms", "0", "--stop") == 0
+    assert "laser: disarmed: there are no valid tables\n" in capsys.readouterr().out
+    assert terminal.instrument.guard_causes == 0
+
+
+@pytest.mark.parametrize("words, sentence", [
+    (["--pattern-us", "70000"], "pattern_us must be 1 to 65535, not 70000."),
+    (["--register", "alpha=0x100"], "alpha must be 0 to 255, not 256."),
+    (["--register", "tangential_1=-131073"],
+     "tangential_1 must be -131072 to 131071, not -131073."),
+    (["--register", "erosion_mode=3"], "erosion_mode must be 0 to 2, not 3."),
+    (["--register", "alpha"], "--register takes NAME=VALUE with a whole number, not 'alpha'."),
+    (["--register", "beta=1"], "There is no register 'beta'; there are: mode, "),
+    (["--register", "mode=1"], "Choose the mode by --start, --stop, --single or --pattern-only."),
+    (["--capture-ms", "65536"], "--capture-ms must be 0 to 65535, not 65536.")])
+def test_bad_values_never_reach_the_chip(words, sentence, terminal, capsys):
+    assert run("load", terminal.path, *words) == 2
+    assert said(capsys).startswith(sentence)
+    assert terminal.instrument.counters["commands"] == 0
+
+
+@pytest.mark.parametrize("beams, size, versions, sentence", [
+    (9, (64, 48), (2, 1), "The calibration is for a sensor of 64 x 64 pixels, the chip has one of "
+     "48 x 64: calibrate this rig."),
+    (16, (64, 64), (2, 1), "The calibration has 9 beams, the chip is made for 16: calibrate this "
+     "rig."),
+    (9, (64, 64), (3, 1), "The chip speaks version 3 of the protocol, this program version 2: use "
+     "the program of the chip's version."),
+    (9, (64, 64), (2, 9), "The chip takes tables of version 9, this program has those of version "
+     "1: use the program of the chip's version.")])
+def test_other_chips_are_refused(beams, size, versions, sentence, rig, tmp_path, capsys):
+    """Before anything is changed, and by the receiver before anything is written."""
+    fake = FakeInstrument([np.zeros(size, np.uint8)], beams, None, *versions)
+    with Terminal(fake, speed=8.0) as terminal:
+        assert run("load", terminal.path, rig[1], "--start") == 2
+        assert said(capsys) == sentence
+        assert fake.registers["mode"] == Mode.STOP and not fake._begun
+        assert run("receive", terminal.path, "--calibration", rig[1], "-o", tmp_path / "out") == 2
+        assert said(capsys) == sentence
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_versions_agree():
+    """A calibration file of this version is made for tables of this version."""
+    assert file.VERSION == TABLE_VERSION
+    assert set(any_calibration().settings.registers()) < set(REGISTERS)
+
+
+@contextmanager
+def commands(terminal, **choices):
+    """Commands to an instrument, that do not wait long."""
+    with port.open_port(terminal.path) as opened:
+        yield Commands(opened, **{"timeout": 0.15, "patience": 0.3, **choices})
+
+
+@pytest.mark.parametrize("fault", ["deaf", "damaging", "mute", "busy"])
+@pytest.mark.parametrize("at", [0, 1, 40, 80, *range(109, 113)])
+def test_a_lost_command_or_answer_is_sent_again(fault, at, rig):
+    """Whichever it is, the tables are loaded in the end."""
+    calibration, path = rig
+    with open_fake(calibration, images(), speed=30.0) as terminal:
+        fake, count = terminal.instrument, 0
+        hear = fake._hear
+
+        def counted(content):
+            nonlocal count
+            if count == at:
+                setattr(fake, fault, 2)
+            count += 1
+            hear(content)
+
+        fake._hear = counted
+        from scripts.load import load
+        with commands(terminal, timeout=0.08, patience=5.0) as asking:
+            load(asking, calibration)
+            asking.write("mode", Mode.CONTINUOUS)
+            end = time.monotonic() + 5
+            while not asking.status()["state"].tables_valid and time.monotonic() < end:
+                pass
+        assert fake.valid and getattr(fake, fault) == 0 and count > at + 2
+
+
+def test_no_answer_is_told_apart(rig):
+    """A chip that is not there, one that does not hear, one that is damaged, garbage."""
+    with open_fake(rig[0], images()) as terminal, commands(terminal, tries=2) as asking:
+        fake = terminal.instrument
+        fake.deaf = 99
+        with pytest.raises(UserError, match="does not answer the command STATUS: is it powered"):
+            asking.status()
+        fake.deaf = 0
+        asking.write("mode", Mode.CONTINUOUS)
+        fake.deaf = 99
+        with pytest.raises(UserError, match="it sends packets, but hears nothing"):
+            asking.status()
+        fake.deaf, fake.damaging = 0, 99
+        with pytest.raises(RefusedError, match="commands arrive damaged"):
+            asking.status()
+        fake.damaging, fake.busy = 0, 9999
+        with pytest.raises(RefusedError, match="still waits for its frame") as refused:
+            asking.status()
+        assert refused.value.reason == Reason.BUSY
+        fake.busy = 0
+        assert asking.status()["state"].mode == Mode.CONTINUOUS
+        asking.port.write(b"\x55" * 30)  # garbage on the line hurts no command
+        assert asking.read("alpha") == REGISTERS["alpha"].reset
+
+
+@pytest.mark.parametrize("reason", Reason)
+def test_every_reason_has_a_sentence(reason):
+    if reason:
+        text = str(RefusedError("this", reason))
+        assert text.startswith("The chip refused this: ") and text[-1] in ".?"
+        assert text == f"The chip refused this: {SENTENCES[reason]}"
+    assert "reason 99, which this program does not know." in str(RefusedError("this", 99))
+
+
+def test_reasons_come_through(rig):
+    """Each refusal that a host can provoke, from the chip to the sentence."""
+    calibration, _ = rig
+    with open_fake(calibration, images()) as terminal, commands(terminal) as asking:
+        words = {name: [0] * 9 for name in ("depth", "reciprocal", "radial", "beams")}
+        table = next(each for each, _, _ in asking.chunks(words) if each.name == "reciprocal")
+        for reason, provoke in {
+                Reason.UNKNOWN_COMMAND: lambda: asking.ask(99, what="this"),
+                Reason.WRONG_LENGTH: lambda: asking.ask(Command.READ),
+                Reason.UNKNOWN_REGISTER: lambda: asking.ask(Command.READ, b"\xff"),
+                Reason.OUT_OF_RANGE: lambda: asking.write("area_min", 0),
+                Reason.NO_BEGIN: lambda: asking.commit(words),
+                Reason.OTHER_SENSOR: lambda: asking.begin(64, 64, 8),
+                Reason.DAMAGED_TABLE: lambda: (asking.begin(64, 64, 9), asking.commit(words)),
+                Reason.UNKNOWN_TABLE: lambda: asking.ask(Command.READ_TABLE, b"\x09\0\0\1"),
+                Reason.NOT_STOPPED: lambda: (asking.write("mode", 1),
+                                             asking.write_table(table, 0, [1]))}.items():
+            try:
+                provoke()
+            except RefusedError as refused:
+                assert refused.reason == reason and SENTENCES[reason] in str(refused)
+            else:
+                pytest.fail(f"{reason.name} was not told")
+
+
+def test_a_memory_at_fault_is_found(terminal, rig, capsys):
+    terminal.instrument.forgetful = True
+    words = rig[0].settings.radial
+    terminal.instrument.shown = images()
+    assert run("load", terminal.path, rig[1], "--start") == (0 if words[100] & 1 else 2)
+    if not words[100] & 1:
+        assert said(capsys).startswith(
+            "The table radial reads back other than it was written, from word 100 on:")
+    assert words[100] & 1 or not terminal.instrument.valid
+
+
+def loaded(terminal, rig, *words):
+    """Load and start, or whatever is asked for."""
+    assert run("load", terminal.path, rig[1], *(words or ["--start"])) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_ends_it_cleanly(number, terminal, rig, tmp_path, capsys):
+    loaded(terminal, rig)
+    timer = threading.Timer(0.5, os.kill, (os.getpid(), number))
+    timer.start()
+    out = tmp_path / "out"
+    assert run("receive", terminal.path, "--calibration", rig[1], "-o", out) == 0
+    assert "interrupted." in capsys.readouterr().out
+    assert len(rows(out / "frames.csv")) > 2
+    assert run("receive", out / "link.raw", "--calibration", rig[1], "-o", tmp_path / "two") == 0
+    assert contents(out) == contents(tmp_path / "two")
+
+
+def test_a_device_that_vanishes(rig, tmp_path, capsys):
+    with open_fake(rig[0], images()) as terminal:
+        loaded(terminal, rig)
+        timer = threading.Timer(0.5, terminal.close)
+        timer.start()
+        out = tmp_path / "out"
+        assert run("receive", terminal.path, "--calibration", rig[1], "-o", out) == 0
+        timer.join()
+        assert f"{terminal.path} is gone." in capsys.readouterr().out
+        terminal._master, terminal._slave = os.openpty()  # for the second close
+    assert len(rows(out / "frames.csv")) > 2 and (out / "points.ply").exists()
+
+
+def test_seconds(terminal, rig, tmp_path):
+    """By the host's clock on a port, by the chip's in a recording."""
+    loaded(terminal, rig)
+    begin = time.monotonic()
+    out = tmp_path / "out"
+    assert run("receive", terminal.path, "--calibration", rig[1], "-o", out, "--seconds",
+               "0.6") == 0
+    assert 0.5 < time.monotonic() - begin < 10
+    frames = rows(out / "frames.csv")
+    first = int(frames[0]["timestamp_us"])
+    assert run("receive", out / "link.raw", "--calibration", rig[1], "-o", tmp_path / "two",
+               "--seconds", "0.4") == 0
+    short = rows(tmp_path / "two" / "frames.csv")
+    assert short == frames[:len(short)] and len(short) < len(frames)
+    assert int(short[-1]["timestamp_us"]) - first >= 400_000
+    assert int(short[-2]["timestamp_us"]) - first < 400_000
+
+
+def test_noise_is_counted_and_hurts_nothing(terminal, rig, tmp_path, capsys):
+    """Whatever arrives through a bad line was sent."""
+    loaded(terminal, rig)
+    fake = terminal.instrument
+    fake.noise = 5e-4
+    out = tmp_path / "out"
+    assert run("receive", terminal.path, "--calibration", rig[1], "-o", out, "--frames", "60") == 0
+    assert "packets lost" in capsys.readouterr().out
+    lost = sum(int(row["lost_packets"] or 0) for row in rows(out / "frames.csv"))
+    assert lost > 5
+    truth = {row for number, frame in list(fake.sent.items()) for row in expected(
+        frame["points"][frame["points"]["status"] == 0], number, rig[0])}
+    got = [tuple(row.values()) for row in rows(out / "points.csv")]
+    ok = [row[:-1] for row in got if row[-1] == "ok"]
+    assert len(ok) > 50 and set(ok) <= truth
+    assert run("receive", out / "link.raw", "--calibration", rig[1], "-o", tmp_path / "two") == 0
+    assert contents(out) == contents(tmp_path / "two")
+
+
+def test_records_need_no_calibration(terminal, rig, tmp_path, capsys):
+    """With records beam and check are there, and with the calibration so is the place."""
+    loaded(terminal, rig, "--pattern-only", "--register", "full_records=1", "--register",
+           "report_rejected=1")
+    out = tmp_path / "out"
+    assert run("receive", terminal.path, "-o", out, "--frames", "16") == 0
+    got = rows(out / "points.csv")
+    assert {row["status"] for row in got} > {"ok", "rejected"}
+    assert all(row["beam"] and not row["z_mm"] for row in got if row["status"] == "ok")
+    assert {row["check"] for row in rows(out / "frames.csv")} == {"ok"}
+    assert {row["kind"] for row in rows(out / "frames.csv")} == {"pattern"}
+    assert not (out / "texture.png").exists()
+    again = tmp_path / "again"
+    assert run("receive", out / "link.raw", "--calibration", rig[1], "-o", again) == 0
+    places = [row for row in rows(again / "points.csv") if row["status"] == "ok"]
+    assert places and all(row["z_mm"] for row in places)
+
+
+def test_another_calibration_is_noticed(terminal, rig, tmp_path, capsys):
+    """Points of a chip that was loaded with something else have no place."""
+    loaded(terminal, rig)
+    other = tmp_path / "other.json"
+    file.save(any_calibration(seed=2), other)
+    out = tmp_path / "out"
+    capsys.readouterr()
+    assert run("receive", terminal.path, "--calibration", other, "-o", out, "--frames", "10") == 0
+    assert f"! 10 frames whose check failed: {MISMATCH}." in capsys.readouterr().out
+    assert {row["check"] for row in rows(out / "frames.csv") if row["ok"]} == {"failed"}
+    assert {(row["status"], row["beam"], row["z_mm"]) for row in rows(out / "points.csv")} <= {
+        ("unverified", "", ""), ("noise", "", ""), ("ambiguous", "", ""), ("rejected", "", "")}
+    assert "element vertex 0" in (out / "points.ply").read_text()
+
+
+def test_last_frame_only(terminal, rig, tmp_path):
+    loaded(terminal, rig)
+    out = tmp_path / "out"
+    assert run("receive", terminal.path, "--calibration", rig[1], "-o", out, "--frames", "12",
+               "--ply", "last") == 0
+    body = (out / "points.ply").read_text().split("end_header\n")[1].splitlines()
+    last = [row for row in rows(out / "points.csv") if row["z_mm"]][-1]["frame"]
+    assert body and {line.split()[4] for line in body} == {last}
+
+
+def test_compact_points_need_a_calibration(terminal, rig, tmp_path, capsys):
+    loaded(terminal, rig)
+    capsys.readouterr()
+    assert run("receive", terminal.path, "-o", tmp_path / "out") == 2
+    assert said(capsys).startswith("The points come in their compact form, which needs the")
+    assert list(tmp_path.iterdir()) == []
+
+
+@contextmanager
+def babbling(octets):
+    """A device that sends the same octets over and over."""
+    class Babble:
+        def send(self, _):
+            pass
+
+        def run(self, _):
+            pass
+
+        def receive(self):
+            return octets
+
+    with Terminal(Babble(), speed=1.0) as terminal:
+        yield terminal.path
+
+
+def test_a_wrong_speed_is_noticed(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("scripts.receive._GARBAGE_SECONDS", 0.4)
+    with babbling(b"\xe0\x00\x1c\xff\x80") as path:
+        begin = time.monotonic()
+        assert run("receive", path, "-o", tmp_path / "out", "--baud", "9600") == 2
+        assert time.monotonic() - begin < 10
+    assert "is no packet: is --baud 9600 right, and is this the chip's port?" in said(capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_silence_is_told(tmp_path, capsys):
+    with babbling(b"") as path:
+        assert run("receive", path, "-o", tmp_path / "out", "--seconds", "0.2") == 2
+        assert said(capsys).startswith(f"Nothing came from {path}: is the chip powered")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_stopped_chip_is_told(terminal, tmp_path, capsys):
+    assert run("receive", terminal.path, "-o", tmp_path / "out", "--seconds", "0.5") == 0
+    assert "no frame came: `cyclope load PORT --start` starts the chip" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", [["status"], ["load"], ["receive", "-o", "out"]])
+def test_ports_that_cannot_be_opened(command, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "text").write_text("nothing of the chip's")
+    missing = tmp_path / "tty"
+    assert run(*command, missing) == 2
+    assert said(capsys) == f"There is no port {missing}: is the device plugged in?"
+    assert run(*command, tmp_path) == 2
+    assert said(capsys).startswith(f"{tmp_path} is ")
+    assert run(*command, "/dev/null") == 2
+    assert said(capsys) == "/dev/null is not a serial device."
+    assert run(*command, "text") == 2
+    wanted = {"receive": "text holds no packet of the chip: name a link.raw of `cyclope receive`."}
+    assert said(capsys) == wanted.get(command[0], "text is not a serial device.")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["text"]
+
+
+def test_a_port_in_use(terminal, tmp_path, capsys):
+    with port.open_port(terminal.path):
+        assert run("status", terminal.path) == 2
+    assert said(capsys) == f"{terminal.path} is in use by another program: close that first."
+
+
+def test_permission_is_explained(terminal, capsys, monkeypatch):
+    import serial
+
+    def refuse(self):
+        raise serial.SerialException(13, "could not open port: Permission denied")
+
+    monkeypatch.setattr(serial.Serial, "open", refuse)
+    assert run("status", terminal.path) == 2
+    assert "may not be opened by this user: join the group that owns it" in said(capsys)
+
+
+def test_outputs_are_not_overwritten(terminal, tmp_path, capsys):
+    (tmp_path / "mine").touch()
+    assert run("receive", terminal.path, "-o", tmp_path) == 2
+    assert "already holds files" in said(capsys)
+    for words in (["--frames", "0"], ["--seconds", "-1"]):
+        assert run("receive", terminal.path, "-o", tmp_path / "out", *words) == 2
+        assert said(capsys).startswith(f"{words[0]} must be more than 0, not ")
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def test_a_damaged_recording(terminal, rig, tmp_path):
+    """Octets at random in place of some: it is read as far as it goes."""
+    loaded(terminal, rig)
+    out = tmp_path / "out"
+    assert run("receive", terminal.path, "--calibration", rig[1], "-o", out, "--frames", "20") == 0
+    octets = bytearray((out / "link.raw").read_bytes())
+    middle = len(octets) // 2
+    octets[middle:middle + 500] = np.random.default_rng(1).bytes(700)
+    (tmp_path / "raw").write_bytes(octets[:-7])
+    assert run("receive", tmp_path / "raw", "--calibration", rig[1], "-o", tmp_path / "two") == 0
+    good = {tuple(row.values()) for row in rows(out / "points.csv")}
+    read = [tuple(row.values()) for row in rows(tmp_path / "two" / "points.csv")]
+    assert len(read) > len(good) / 3 and set(read) <= good
+
+
+def test_frames_that_are_not_as_they_should_be(tmp_path):
+    """A row tells of every frame what is known of it; a lost trailer leaves it incomplete."""
+    points = np.zeros(30, POINT)
+    points["v"], points["beam"], points["inverse_z"] = 999, 3, 5000
+    wire = Wire()
+    octets = b"".join(wire.frame(make_frame(points, 4, flags=0x18), full=True))
+    broken = wire.frame(make_frame(points, 6, flags=0x24), full=True)
+    octets += b"".join(broken[:-1])
+    octets += b"".join(wire.frame(make_frame(points[:0], 8, flags=0x02, skipped=2), full=True))
+    (tmp_path / "raw").write_bytes(octets)
+    assert run("receive", tmp_path / "raw", "-o", tmp_path / "out") == 0
+    first, second, third = rows(tmp_path / "out" / "frames.csv")
+    assert (first["number"], first["laser"], first["flags"]) == ("4", "on", "capture")
+    assert (second["number"], second["flags"], second["laser"]) == ("6", "incomplete", "")
+    assert (third["flags"], third["skipped"], third["lost_packets"]) == ("learning", "2", "0")
+    assert second["lost_packets"] == "1"
+
+
+def test_textures_of_unknown_size():
+    """They grow with what comes; once the size is known they can be whole."""
+    from scripts.messages import TexturePiece
+    texture = Texture()
+
+    def piece(row, column, *pixels):
+        return TexturePiece(0, row, column, np.array(pixels, np.uint8))
+
+    assert not texture.add(piece(1, 2, 7, 8))
+    assert texture.image.tolist() == [[0, 0, 0, 0], [0, 0, 7, 8]]
+    assert not texture.add(piece(0, 0, 1, 2, 3, 4)) and texture.image.shape == (2, 4)
+    assert not texture.add(piece(600, 0, 1)) and texture.outside == 1
+    texture.resize((4, 2))
+    assert not texture.add(piece(0, 4, 1)) and not texture.add(piece(2, 0, 1))
+    assert texture.outside == 3
+    assert texture.add(piece(1, 0, 5, 6))
+    assert texture.image.tolist() == [[1, 2, 3, 4], [5, 6, 7, 8]]
+    assert not texture.add(piece(0, 0, 1, 2, 3, 4)) and texture.add(piece(1, 0, 5, 6, 7, 8))

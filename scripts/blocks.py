@@ -77,7 +77,7 @@ BLOCKS = tuple(Block(name, unit) for unit, names in {
     "acquisition": "sequencer exposure laser_guard camera frame_gate",
     "preprocessing": "histogram threshold remap binarise erosion labelling spot_queue centre",
     "stereo": "undistort recentre epipolar depth",
-    "link": "packet uart_tx uart_rx",
+    "link": "packet uart_tx uart_rx receiver",
     "common": "table_memory stage point_fifo sram",
 }.items() for name in names.split())
 #: The whole design.

@@ -6,10 +6,13 @@ import time
 import numpy as np
 import pytest
 
+from model.link import framer
+from model.link import points as points_model
 from scripts.framing import Deframer, frame_packet
 from scripts.link import Decoder
 from scripts.messages import POINT, Frame, Reply, TextureFrame, TexturePiece
 from scripts.rebuild import Rebuilder, point_check
+from tb.link.frames import EXTREMES
 from tb.link.noise import measure
 from tb.link.wire import Wire, bits_of_check, make_frame, packet, random_frame, stream
 from tb.system.stimuli import any_settings
@@ -60,6 +63,26 @@ def test_packet_of_known_octets():
     assert packet(bytes.fromhex("0011000000"))[:7] == bytes.fromhex("00010211010105")
     with pytest.raises(ValueError, match="at most 93 octets, not 94"):
         frame_packet(bytes(94))
+
+
+@pytest.mark.parametrize("full", [False, True], ids=["compact", "records"])
+@pytest.mark.parametrize("case", EXTREMES, ids=lambda case: case[0])
+def test_frames_of_the_model(case, full):
+    """What the chip's model sends arrives, and is what the tests' own encoder sends."""
+    _, frame = case
+    names = ("learning", "broken", "laser", "capture", "tripped", "tables_valid")
+    flags = sum(getattr(frame, name) << bit for bit, name in enumerate(names, 1))
+    told = make_frame(frame.points, frame.number, rejected=frame.rejected, dropped=frame.dropped,
+                      flags=flags, **{name: getattr(frame, name) for name in (
+                          "level", "skipped", "exposure_us", "timestamp_us")})
+    told["spots"] = frame.spots
+    octets, _ = framer.frame(points_model.packets(frame, full), 250)
+    assert octets == Wire(250).frame(told, full)
+    decoder = Decoder()
+    got, = decoder.feed(b"".join(octets))
+    assert_same(got, told, full)
+    assert clean(decoder) and [getattr(got, name) for name in names] == [
+        getattr(frame, name) for name in names]
 
 
 @pytest.mark.parametrize("full", [False, True])

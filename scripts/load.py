@@ -191,7 +191,7 @@ def main(arguments):
         status = _until(
             commands, lambda state: not state.committing and (
                 mode in (None, Mode.SINGLE) or state.mode == mode) and (
-                mode in (None, Mode.STOP) or state.armed), 2.0)
+                mode in (None, Mode.STOP) or state.armed), 3.0)
     state = status["state"]
     if calibration is not None:
         words = sum(len(words) for words in table_contents(calibration.settings).values())

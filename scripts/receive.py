@@ -134,19 +134,26 @@ class _Line:
 
     def __init__(self, name):
         self.name = name
-        self._times = deque(maxlen=50)
-        self._frames = 0
+        self._samples = deque(maxlen=10)  # frames, and when they were taken
+        self._changed = time.monotonic()
+
+    def _rate(self, recorder):
+        """Pattern frames a second by the chip's clock, 0 if none come any more."""
+        now = time.monotonic()
+        if not self._samples or recorder.frames != self._samples[-1][0]:
+            self._changed = now
+            if recorder.last.timestamp_us:
+                self._samples.append((recorder.frames, recorder.last.timestamp_us))
+        if len(self._samples) < 2 or now - self._changed > 2:
+            return 0.0
+        (first, begin), (last, end) = self._samples[0], self._samples[-1]
+        return (last - first) * 1e6 / (end - begin) if end > begin else 0.0
 
     def text(self, decoder, recorder):
         """The line, as it stands."""
         from rich.text import Text
 
         from scripts.recorder import MISMATCH
-        now = time.monotonic()
-        self._times.extend([now] * min(50, recorder.frames - self._frames))
-        self._frames = recorder.frames
-        recent = [when for when in self._times if now - when < 2.0]
-        rate = len(recent) / max(now - recent[0], 0.5) if recent else 0.0
         last = recorder.last
         if last is None:
             words = ("nothing but garbage" if decoder.octets and not decoder.packets else
@@ -155,8 +162,8 @@ class _Line:
             return Text(f"{self.name}  {words}")
         ok = int((last.points["status"] == 0).sum())
         laser = "on" if last.laser else "off"
-        text = Text(f"{self.name}  frame {last.index}  {rate:4.1f} frames/s  {ok:2} of "
-                    f"{last.spots} spots ok  {recorder.textures} textures  lost packets ")
+        text = Text(f"{self.name}  frame {last.index}  {self._rate(recorder):4.1f} frames/s  "
+                    f"{ok:2} of {last.spots} spots ok  {recorder.textures} textures  lost packets ")
         text.append(str(decoder.lost), style="yellow" if decoder.lost else "")
         text.append(f"  laser {laser}")
         if last.summarised and not last.tables_valid:

@@ -43,10 +43,10 @@ class Terminal:
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
         self._ended = threading.Event()
-        self._thread = None
+        self._thread = self._error = None
 
     def __enter__(self):
-        self._thread = threading.Thread(target=self.serve, daemon=True)
+        self._thread = threading.Thread(target=self._serve_aside, daemon=True)
         self._thread.start()
         return self
 
@@ -63,6 +63,15 @@ class Terminal:
             if handle is not None:
                 os.close(handle)
         self._master = self._slave = None
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+
+    def _serve_aside(self):
+        try:
+            self.serve()
+        except BaseException as error:  # told by `close`, in the thread that asked for this
+            self._error = error
 
     def serve(self):
         """Let time pass until :meth:`close`, or an interrupt."""

@@ -339,7 +339,6 @@ def test_a_device_that_vanishes(rig, tmp_path, capsys):
         assert run("receive", terminal.path, "--calibration", rig[1], "-o", out) == 0
         timer.join()
         assert f"{terminal.path} is gone." in capsys.readouterr().out
-        terminal._master, terminal._slave = os.openpty()  # for the second close
     assert len(rows(out / "frames.csv")) > 2 and (out / "points.ply").exists()
 
 
@@ -565,3 +564,35 @@ def test_textures_of_unknown_size():
     assert texture.add(piece(1, 0, 5, 6))
     assert texture.image.tolist() == [[1, 2, 3, 4], [5, 6, 7, 8]]
     assert not texture.add(piece(0, 0, 1, 2, 3, 4)) and texture.add(piece(1, 0, 5, 6, 7, 8))
+
+
+def test_live_line(rig, monkeypatch):
+    """Frame rate by the chip's clock, points, lost packets, laser, and what is wrong."""
+    from types import SimpleNamespace
+
+    from scripts import receive
+    from scripts.messages import Frame
+    now = 100.0
+    monkeypatch.setattr(receive.time, "monotonic", lambda: now)
+    line = receive._Line("tty")
+    decoder = SimpleNamespace(octets=0, packets=0, lost=0)
+    recorder = SimpleNamespace(frames=0, last=None, textures=2)
+    assert str(line.text(decoder, recorder)) == "tty  nothing arrives"
+    decoder.octets = 9
+    assert str(line.text(decoder, recorder)) == "tty  nothing but garbage"
+    decoder.packets = 1
+    assert "`cyclope load PORT --start`" in str(line.text(decoder, recorder))
+    for frames in range(1, 20, 3):
+        now += 0.2
+        recorder.frames = frames
+        recorder.last = Frame(7, spots=5, flags=0x48, index=7, timestamp_us=40_000 * frames,
+                              points=np.zeros(4, POINT), verified=True)
+        words = str(line.text(decoder, recorder))
+    assert words == "tty  frame 7  25.0 frames/s   4 of 5 spots ok  2 textures  lost packets 0  " \
+                    "laser on"
+    now += 3
+    recorder.last = Frame(8, flags=0x30, verified=False)
+    decoder.lost = 3
+    words = str(line.text(decoder, recorder))
+    assert " 0.0 frames/s" in words and "lost packets 3" in words and MISMATCH in words
+    assert "laser off, no valid tables, calibration capture, tripped: see `cyclope status`" in words

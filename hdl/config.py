@@ -28,8 +28,8 @@ class Config:
     spot_depth : :class:`int`
         Spots that may wait for the stereo unit.
     labels : :class:`int`
-        Provisional labels of the two-pass labelling, a power of two from 16 to 4096; the preset
-        ``capsule`` has no use for them.
+        Provisional labels of the two-pass labelling, best one less than a power of two; the
+        preset ``capsule`` has no use for them.
 
     Raises
     ------
@@ -44,7 +44,7 @@ class Config:
     beams: int = 49
     lanes: int = 2
     spot_depth: int = 64
-    labels: int = 1024
+    labels: int = 1023
 
     def __post_init__(self):
         if self.preset not in PRESET_NAMES:
@@ -52,14 +52,12 @@ class Config:
                              f"not {self.preset!r}")
         for name, low, high in [
             ("width", 16, 512), ("height", 16, 512), ("beams", 1, 128), ("lanes", 1, self.beams),
-            ("spot_depth", 8, 512), ("labels", 16, 4096), ("clock_hz", 1_000_000, 65_000_000),
+            ("spot_depth", 8, 512), ("labels", 1, 32767), ("clock_hz", 1_000_000, 65_000_000),
         ]:
             value = getattr(self, name)
             if not isinstance(value, int) or not low <= value <= high:
                 raise ValueError(
                     f"{name} must be an integer from {low} to {high}, not {value!r}")
-        if self.labels & (self.labels - 1):
-            raise ValueError(f"labels must be a power of two, not {self.labels}")
         if self.clock_hz % 1_000_000:
             raise ValueError(f"clock_hz must be a multiple of 1 MHz, not {self.clock_hz}")
 

@@ -162,7 +162,8 @@ class Register:
     meaning: str
     low: int = 0
     high: int | None = None  # None: all values above `low`
-    signed: bool = False
+    signed: bool = False  # `low` and `high` are then not heard: all values
+    only_stopped: bool = False  # may be written only while the mode is 0
 
 
 def registers(clock_hz=16_000_000, baud=115_200):
@@ -192,7 +193,8 @@ def registers(clock_hz=16_000_000, baud=115_200):
         Register(0x19, "principal_v", 18, 0, "principal point, unsigned Q9.9 pixels"),
         Register(0x1A, "tangential_1", 18, 0, "p1 over the focal length, times 2^27", signed=True),
         Register(0x1B, "tangential_2", 18, 0, "p2 over the focal length, times 2^27", signed=True),
-        Register(0x20, "divisor", 16, divisor, "clocks per bit of the serial line", low=1),
+        Register(0x20, "divisor", 16, divisor, "clocks per bit of the serial line", low=2,
+                 only_stopped=True),
         Register(0x21, "full_records", 1, 0, "send points as records of 9 octets with beam and "
                  "1/z"),
         Register(0x22, "texture_enable", 1, 1, "send texture"),

@@ -68,6 +68,8 @@ def _chosen(arguments):
             raise UserError(f"{name} must be {low} to {high}, not {value}.")
     if "mode" in chosen:
         raise UserError("Choose the mode by --start, --stop, --single or --pattern-only.")
+    if "divisor" in chosen:
+        raise UserError("divisor is the speed of this very line, which this program does not change.")
     if arguments.capture_ms is not None and not 0 <= arguments.capture_ms <= 0xFFFF:
         raise UserError(f"--capture-ms must be 0 to 65535, not {arguments.capture_ms}.")
     return chosen
@@ -180,6 +182,8 @@ def main(arguments):
                 progress.update(task, description="loading and reading back")
                 load(commands, calibration, lambda done, total: progress.update(
                     task, completed=done, total=total))
+        elif mode == Mode.STOP:
+            stop(commands)
         _write(commands, chosen)
         if arguments.clear:
             commands.clear()

@@ -174,6 +174,8 @@ def test_capture_and_causes(terminal, capsys):
     (["--register", "alpha"], "--register takes NAME=VALUE with a whole number, not 'alpha'."),
     (["--register", "beta=1"], "There is no register 'beta'; there are: mode, "),
     (["--register", "mode=1"], "Choose the mode by --start, --stop, --single or --pattern-only."),
+    (["--register", "divisor=16"],
+     "divisor is the speed of this very line, which this program does not change."),
     (["--capture-ms", "65536"], "--capture-ms must be 0 to 65535, not 65536.")])
 def test_bad_values_never_reach_the_chip(words, sentence, terminal, capsys):
     assert run("load", terminal.path, *words) == 2

@@ -69,7 +69,8 @@ def _chosen(arguments):
     if "mode" in chosen:
         raise UserError("Choose the mode by --start, --stop, --single or --pattern-only.")
     if "divisor" in chosen:
-        raise UserError("divisor is the speed of this very line, which this program does not change.")
+        raise UserError(
+            "divisor is the speed of this very line, which this program does not change.")
     if arguments.capture_ms is not None and not 0 <= arguments.capture_ms <= 0xFFFF:
         raise UserError(f"--capture-ms must be 0 to 65535, not {arguments.capture_ms}.")
     return chosen

@@ -13,6 +13,7 @@ synthesised.
 import argparse
 import hashlib
 import json
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -36,6 +37,8 @@ LIMITS = {
     "labelling": {"lut4": 1500, "ramb16": 6},
 }
 COLUMNS = ("lut4", "ff", "mult18x18", "ramb16")
+#: What Verilog says of a memory that begins empty; as it does so anyway, yosys need not read it.
+_ZEROS = re.compile(r"  initial begin\n(    \w+\[\d+\] = \d+'h0+;\n)+  end\n")
 
 
 def summarise(cells):
@@ -63,6 +66,7 @@ def measure_verilog(text, name, muxf=True):
     RuntimeError
         If yosys cannot synthesise it; the message ends with what yosys said.
     """
+    text = _ZEROS.sub("", text)
     option = "" if muxf else "-nowidelut"
     script = (f"read_verilog {name}.v; synth_xilinx -family xc2vp {option} -top {name} -flatten; "
               "tee -q -o cells.json stat -json")

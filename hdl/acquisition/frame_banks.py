@@ -7,9 +7,15 @@ from amaranth.lib.wiring import In, Out
 
 from ..payloads import StoredFrame
 
-__all__ = ["FrameBanks"]
+__all__ = ["FrameBanks", "check_banks"]
 
 _COUNT_BITS = 8
+
+
+def check_banks(banks):
+    """Refuse what is no number of banks."""
+    if banks not in (2, 3) or isinstance(banks, bool):
+        raise ValueError(f"The number of banks must be 2 or 3, not {banks!r}")
 
 
 class FrameBanks(wiring.Component):
@@ -18,8 +24,9 @@ class FrameBanks(wiring.Component):
     The writer works in the domain ``sync``, the reader in the domain ``display``. A frame goes to
     a bank that neither is held by the reader nor keeps the newest whole frame. With three banks
     there always is one. With two there is none while the reader holds one and the other keeps a
-    newer frame: a frame that begins then is skipped whole, and counted. The reader asks whenever
-    it likes, and gets the newest whole frame.
+    newer frame: a frame that begins then is skipped whole, and counted; of frames without a pause
+    between them every second one is, however quick the reader. The reader asks whenever it likes,
+    and gets the newest whole frame.
 
     The reader raises one request line and keeps it up until it sees the answer; the writer does
     alike. Both lines go through two flip-flops. The bank number and what is known of its frame
@@ -70,8 +77,7 @@ class FrameBanks(wiring.Component):
     """
 
     def __init__(self, banks=2, shape=StoredFrame):
-        if banks not in (2, 3) or isinstance(banks, bool):
-            raise ValueError(f"The number of banks must be 2 or 3, not {banks!r}")
+        check_banks(banks)
         self.banks, self.shape = banks, shape
         super().__init__({
             "opens": In(1),
@@ -96,15 +102,21 @@ class FrameBanks(wiring.Component):
 
         # Roles of the banks, in `sync`. The writer's is neither the newest one nor the reader's;
         # the newest one may be the reader's too. What is known of a frame goes with the role.
-        newest, newest_exists = Signal(bank), Signal()
-        reader, reader_exists = Signal(bank), Signal()
-        newest_is_unread, reader_is_fresh = Signal(), Signal()
-        written_info, newest_info = Signal(self.shape), Signal(self.shape)
+        newest = Signal(bank)
+        newest_exists = Signal()
+        newest_is_unread = Signal()
+        reader = Signal(bank)
+        reader_exists = Signal()
+        reader_is_fresh = Signal()
+        written_info = Signal(self.shape)
+        newest_info = Signal(self.shape)
         reader_info = Signal(self.shape)
 
-        request, wants = Signal(), Signal()  # of the reader, in `display`
-        answer = Signal()  # of the writer, in `sync`
-        request_heard, answer_heard = Signal(), Signal()
+        request = Signal()  # in `display`
+        wants = Signal()
+        request_heard = Signal()  # in `sync`
+        answer = Signal()
+        answer_heard = Signal()  # in `display`
         m.submodules.request = FFSynchronizer(request, request_heard)
         m.submodules.answer = FFSynchronizer(answer, answer_heard, o_domain="display")
 

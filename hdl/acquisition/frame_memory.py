@@ -6,7 +6,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from ..payloads import GreyPixel, StoredFrame
-from .frame_banks import FrameBanks
+from .frame_banks import FrameBanks, check_banks
 
 __all__ = ["FrameMemory"]
 
@@ -61,9 +61,8 @@ class FrameMemory(wiring.Component):
         for name, value in (("width", width), ("height", height)):
             if not isinstance(value, int) or not 2 <= value <= 512:
                 raise ValueError(f"Frame {name} must be an integer from 2 to 512, not {value!r}")
-        self.width, self.height, self.shape = width, height, shape
-        self._banks = FrameBanks(banks, shape)
-        self.banks = banks
+        check_banks(banks)
+        self.width, self.height, self.banks, self.shape = width, height, banks, shape
         super().__init__({
             "i": In(stream.Signature(GreyPixel, always_ready=True)),
             "info": In(shape),
@@ -82,13 +81,18 @@ class FrameMemory(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.banks = banks = self._banks
+        m.submodules.banks = banks = FrameBanks(self.banks, self.shape)
         pixels = self.width * self.height
 
         # Writing. `inside` a frame, `taking` it; a frame that is too long wraps around in its bank.
-        inside, taking = Signal(), Signal()
-        place, too_long = Signal(range(pixels)), Signal()
-        first, writes, ends, whole = Signal(), Signal(), Signal(), Signal()
+        inside = Signal()
+        taking = Signal()
+        place = Signal(range(pixels))
+        too_long = Signal()
+        first = Signal()
+        writes = Signal()
+        ends = Signal()
+        whole = Signal()
         mark = self.i.p.mark
         m.d.comb += [
             first.eq(self.i.valid & ~inside & ~mark.broken),

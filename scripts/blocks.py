@@ -74,7 +74,8 @@ class Block:
 
 #: Every block, in the order in which data flows.
 BLOCKS = tuple(Block(name, unit) for unit, names in {
-    "acquisition": "sequencer exposure laser_guard camera frame_gate image_bank",
+    "acquisition": "sequencer exposure laser_guard camera frame_gate image_bank "
+                   "frame_banks frame_memory",
     "preprocessing": "histogram threshold remap binarise erosion labelling spot_queue centre",
     "stereo": "undistort recentre epipolar depth",
     "link": "packet uart_tx uart_rx receiver",

@@ -57,6 +57,15 @@ def test_framing(text):
     assert Deframer().feed(octets) == [content]
 
 
+def test_every_single_bit_counts():
+    """A packet with any one bit turned over is refused, the check's own bits among them."""
+    octets = packet(bytes([0x50, 0, 0, 7, 0, 255]))
+    for bit in range(8, 8 * (len(octets) - 1)):
+        wrong = bytearray(octets)
+        wrong[bit // 8] ^= 1 << bit % 8
+        assert Deframer().feed(wrong) == [], bit
+
+
 def test_packet_of_known_octets():
     """The check of "123456789" is CBF43926, and COBS of zeros is as in the paper."""
     assert packet(b"123456789") == b"\0\x0e123456789\x26\x39\xf4\xcb\0"
@@ -270,6 +279,12 @@ def test_rebuilt_points(beams, size):
     off["u"][3] ^= 64
     got, = decoder.feed(b"".join(Wire().frame(make_frame(off, check=bits_of_check(points)))))
     assert got.verified is False and decoder.mismatched == 3
+    # A point that the calibration does not call ok, with a check that would fit it.
+    off = points[:1].copy()
+    off["u"], off["v"] = u[~ok][0], v[~ok][0]
+    off["beam"] = off["inverse_z"] = 0
+    got, = decoder.feed(b"".join(Wire().frame(make_frame(off))))
+    assert got.verified is False and decoder.mismatched == 4
     other = Decoder(Rebuilder(any_settings(*size, beams, seed=2), *size))
     got, = other.feed(octets)
     assert got.verified is False and other.mismatched == 1

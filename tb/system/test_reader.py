@@ -414,6 +414,29 @@ def test_another_calibration_is_noticed(terminal, rig, tmp_path, capsys):
     assert "element vertex 0" in (out / "points.ply").read_text()
 
 
+def test_points_are_trusted_once_a_check_was_right(rig, tmp_path):
+    """Of a frame that lost a packet they count if the frames before agreed; an empty one does
+    not agree to anything."""
+    calibration, path = rig
+    from scripts.rebuild import Rebuilder
+    rng = np.random.default_rng(1)
+    u, v = rng.integers(0, 512 * 64, (2, 4000))
+    status, beam, inverse_z = Rebuilder(calibration.settings, 64, 64)(u, v)
+    points = np.zeros(np.count_nonzero(status == 0), POINT)[:40]
+    for name, values in (("u", u), ("v", v), ("beam", beam), ("inverse_z", inverse_z)):
+        points[name] = values[status == 0][:40]
+    wire = Wire()
+    frames = [wire.frame(make_frame(some, 2 * number)) for number, some in enumerate(
+        (points[:0], points, points[:9], points))]
+    octets = b"".join(packet for number, packets in enumerate(frames) for packet in (
+        packets[1:] if number in (1, 3) else packets))
+    (tmp_path / "raw").write_bytes(octets)
+    assert run("receive", tmp_path / "raw", "--calibration", path, "-o", tmp_path / "out") == 0
+    assert [row["check"] for row in rows(tmp_path / "out" / "frames.csv")] == ["ok", "", "ok", ""]
+    got = {(row["frame"], row["status"]) for row in rows(tmp_path / "out" / "points.csv")}
+    assert got == {("2", "unverified"), ("4", "ok"), ("6", "ok")}
+
+
 def test_last_frame_only(terminal, rig, tmp_path):
     loaded(terminal, rig)
     out = tmp_path / "out"

@@ -6,7 +6,7 @@ PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup tools demo sim test lint bench synth-export clean
+.PHONY: help setup tools demo sim test lint bench prove synth-export clean
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1|\2/p' $(MAKEFILE_LIST) | \
@@ -34,6 +34,9 @@ lint: tools ## check the Python, the generated Verilog and the VHDL twins
 
 bench: tools ## print speed, accuracy and size
 	$(BIN)/python -m scripts.bench
+
+prove: tools ## prove the laser guard, the streams and the queues, and print the table
+	$(BIN)/python -m scripts.prove
 
 synth-export: setup ## write Verilog, VHDL, tables and vendor projects to build/export
 	$(BIN)/python -m scripts.export

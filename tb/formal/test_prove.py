@@ -1,0 +1,69 @@
+# amaranth: UnusedElaboratable=no
+"""The proofs of seconds, and that they find what is planted; `make prove` runs them all."""
+
+import pytest
+from amaranth.hdl import Elaboratable, Module, Signal
+
+from scripts import formal, prove
+from tb.formal.guard_faults import FAULTS, SCALED, Fault, guard_class
+from tb.formal.laser_guard import GuardProof
+
+
+def test_guard_by_default_ceilings():
+    """Without bound, at 16 MHz, all inputs free."""
+    outcome = prove.guard_outcome(limit=1200)
+    assert outcome.result == "proved", outcome.log[-3000:]
+
+
+@pytest.mark.parametrize("limits", [
+    *SCALED, (1_000_000, 6, 7, 14, 8, 5), (2_000_000, 3, 9, 9, 7, 4)])
+def test_guard_by_other_ceilings(limits):
+    outcome = prove.guard_outcome(*limits)
+    assert outcome.result == "proved", outcome.log[-3000:]
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name.replace(" ", "_"))
+def test_planted_fault_is_found(fault):
+    outcome = prove.fault_outcome(fault)
+    assert outcome.result == "failed", outcome.log[-3000:]
+    assert outcome.failed and set(outcome.failed) <= set(fault.breaks)
+
+
+@pytest.mark.parametrize("scale", range(len(SCALED)))
+def test_guard_without_a_fault_is_not_blamed(scale):
+    """What finds the faults finds nothing where there is none."""
+    top = GuardProof(guard_class()(*SCALED[scale]), linked=False)
+    outcome = formal.prove(f"no fault {scale}", formal.to_rtlil(top, top.ports), "bmc",
+                           prove.FAULT_DEPTH)
+    assert outcome.result == "held", outcome.log[-3000:]
+
+
+def test_a_fault_that_is_nowhere_is_refused():
+    with pytest.raises(LookupError, match="stands 0 times in laser_guard.py, not once"):
+        guard_class(Fault("none", (("no such text", ""),), ()))
+
+
+class Counter(Elaboratable):
+    """Counts to 5, and is claimed never to."""
+
+    def __init__(self, most):
+        self.most = most
+
+    def elaborate(self, platform):
+        m = Module()
+        count = Signal(4)
+        with m.If(count != 5):
+            m.d.sync += count.eq(count + 1)
+        formal.claim(m, "small", count <= self.most)
+        return m
+
+
+@pytest.mark.parametrize("most,mode,depth,result", [
+    (5, "prove", 2, "proved"), (4, "prove", 2, "unknown"), (4, "prove", 8, "failed"),
+    (4, "bmc", 3, "held"), (4, "bmc", 8, "failed"),
+])
+def test_outcomes_are_told_apart(most, mode, depth, result):
+    outcome = formal.prove(f"counter {most} {mode} {depth}",
+                           formal.to_rtlil(Counter(most), []), mode, depth)
+    assert outcome.result == result
+    assert outcome.failed == (("small",) if result == "failed" else ())

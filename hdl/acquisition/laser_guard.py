@@ -122,7 +122,9 @@ class LaserGuard(wiring.Component):
         token = Signal(8)
         silence = Signal(range(self.pause + 2))  # clocks since the token changed
         beats = Signal(range(3))  # changes since silence was too long, at most two
-        beating, changed, silent = Signal(), Signal(), Signal()
+        beating = Signal()
+        changed = Signal()
+        silent = Signal()
         m.d.comb += [
             changed.eq(self.heartbeat != token),
             silent.eq(silence > self.pause),
@@ -157,8 +159,12 @@ class LaserGuard(wiring.Component):
             m.d.sync += since.eq(since + 1)
 
         # What is wanted against what may be.
-        permitted, pulsing, blocked = Signal(), Signal(), Signal()
-        allowed, fresh, go = Signal(), Signal(), Signal()
+        permitted = Signal()
+        pulsing = Signal()
+        blocked = Signal()
+        allowed = Signal()
+        fresh = Signal()
+        go = Signal()
         m.d.comb += [
             permitted.eq(self.tables_valid | self.capture),
             self.armed.eq(permitted & beating & rested),

@@ -1,0 +1,122 @@
+"""The registers that the host writes."""
+
+from amaranth import *
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from hdl.protocol import Mode, registers
+
+__all__ = ["Registers"]
+
+
+class Registers(wiring.Component):
+    """Holds every register of :func:`hdl.protocol.registers` twice: as written, and as it acts.
+
+    ``write`` sets the value as written in the next clock; it may be high only for a register that
+    is ``known`` and a value that ``fits``. ``hand_over`` makes all values act in the next clock,
+    together; what is written in its own clock acts from the one after on. Reset sets all of them
+    to their reset values.
+
+    A single pair ends by itself: ``single_done`` sets ``mode`` to stop if a single pair is what
+    acts, in both places unless another mode was written meanwhile.
+
+    Parameters
+    ----------
+    clock_hz, baud : :class:`int`
+        System clock and rate of the serial line: the divisor's reset value.
+
+    Members
+    -------
+    address, value : :py:`In(8)`, :py:`In(32)`
+        Register and the value to write, in two's complement if the register is signed.
+    known, fits, only_stopped : :py:`Out(1)`
+        There is a register of that address; the value is inside its limits; it may be written
+        only while the chip is stopped.
+    write : :py:`In(1)`
+        Write the value.
+    read_data : :py:`Out(32)`
+        Value of the register as written.
+    hand_over, single_done : :py:`In(1)`
+        As above.
+    mode, period_us, and so on : :py:`Out`
+        Each register's value as it acts, by its name, with its bits and sign.
+    """
+
+    def __init__(self, clock_hz=16_000_000, baud=115_200):
+        for name, value in [("System clock", clock_hz), ("Baud rate", baud)]:
+            if not isinstance(value, int) or value < 1:
+                raise ValueError(f"{name} must be a positive integer, not {value!r}")
+        if not 2 <= round(clock_hz / baud) < 1 << 16:
+            raise ValueError(f"{baud} baud cannot be made of a clock of {clock_hz} Hz: a bit must "
+                             "take 2 to 65535 clocks")
+        self.table = registers(clock_hz, baud)
+        super().__init__({
+            "address": In(8),
+            "value": In(32),
+            "known": Out(1),
+            "fits": Out(1),
+            "only_stopped": Out(1),
+            "write": In(1),
+            "read_data": Out(32),
+            "hand_over": In(1),
+            "single_done": In(1),
+            **{register.name: Out(self._shape(register), init=register.reset)
+               for register in self.table},
+        })
+
+    @staticmethod
+    def _shape(register):
+        return signed(register.bits) if register.signed else unsigned(register.bits)
+
+    def elaborate(self, platform):
+        m = Module()
+        written = {}
+        with m.Switch(self.address):
+            for register in self.table:
+                name = register.name
+                written[name] = Signal(
+                    self._shape(register), name=f"{name}_written", init=register.reset)
+                with m.Case(register.address):
+                    m.d.comb += [
+                        self.known.eq(1),
+                        self.fits.eq(self._fits(register)),
+                        self.only_stopped.eq(register.only_stopped),
+                        self.read_data.eq(written[name]),
+                    ]
+                    with m.If(self.write):
+                        m.d.sync += written[name].eq(self.value)
+        with m.If(self.hand_over):
+            m.d.sync += [getattr(self, name).eq(value) for name, value in written.items()]
+
+        # The mode may be another one as written only if the host wrote it since the hand-over.
+        mode, next_mode = self.mode, written["mode"]
+        done = Signal()
+        m.d.comb += done.eq(self.single_done & (mode == Mode.SINGLE))
+        new = Signal()
+        with m.If(self.write & (self.address == self._address("mode"))):
+            m.d.sync += new.eq(1)
+        with m.Else():
+            with m.If(self.hand_over):
+                m.d.sync += new.eq(0)
+            with m.If(done & ~new):
+                m.d.sync += next_mode.eq(Mode.STOP)
+        with m.If(done & ~(self.hand_over & new)):
+            m.d.sync += mode.eq(Mode.STOP)
+        return m
+
+    def _address(self, name):
+        return next(register.address for register in self.table if register.name == name)
+
+    def _fits(self, register):
+        """Whether the value is inside the register's limits."""
+        bits = register.bits
+        if register.signed:
+            return self.value[bits - 1:].all() | ~self.value[bits - 1:].any()
+        fits = ~self.value[bits:].any()
+        if register.low == 1:
+            fits &= self.value[:bits].any()
+        elif register.low:
+            fits &= self.value[:bits] >= register.low
+        if register.high is not None and register.high < (1 << bits) - 1:
+            fits &= self.value[:bits] <= register.high
+        return fits

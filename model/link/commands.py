@@ -1,0 +1,238 @@
+"""What the chip does with the host's commands: octets in, replies and new state out."""
+
+import zlib
+
+from hdl.protocol import (
+    CONTENT_LIMIT,
+    IDENTITY_FIELDS,
+    PROTOCOL_VERSION,
+    STATUS_FIELDS,
+    TABLE_VERSION,
+    TABLES,
+    Command,
+    Mode,
+    PacketKind,
+    Reason,
+    registers,
+)
+
+from .receiver import PacketReceiver
+
+__all__ = ["CommandMachine", "Refused"]
+
+_NAMES = {table.name: table.number for table in TABLES}
+#: Octets of parameters.
+_LENGTHS = {
+    Command.IDENTIFY: 0, Command.WRITE: 5, Command.READ: 1, Command.BEGIN: 6, Command.COMMIT: 16,
+    Command.READ_TABLE: 4, Command.STATUS: 0, Command.CAPTURE: 2, Command.CLEAR: 0,
+}
+_DATA_LIMIT = CONTENT_LIMIT - 9
+
+
+class Refused(Exception):  # noqa: N818
+    """Raised by what may not be; ``args[0]`` is the :class:`Reason`."""
+
+
+def _number(octets):
+    return int.from_bytes(octets, "little")
+
+
+class CommandMachine:
+    """The state that the host sees, changed by the octets that it sends.
+
+    Attributes
+    ----------
+    written, acting : dict of int by register
+        Values as they were written, and as they act.
+    tables : list of two lists of lists of int
+        Words by bank, table and address. Both banks hold the same list of reciprocals.
+    bank, tables_valid, begun, committed : int and three bools
+        Bank that acts; whether it was checked; whether BEGIN opened a new set; whether that waits
+        for its frame.
+    capture : int
+        Milliseconds that the last CAPTURE gave.
+    cleared : int
+        How often CLEAR came.
+    ready : bool
+        Whether spots leave the tables alone.
+    status : dict of int
+        What STATUS tells and other blocks know, by field; ``state`` holds only their bits.
+    """
+
+    def __init__(self, width, height, beams, lanes, preset=0, clock_hz=16_000_000, baud=115_200):
+        self.registers = {register.address: register for register in registers(clock_hz, baud)}
+        self.written = {entry.name: entry.reset for entry in self.registers.values()}
+        self.acting = dict(self.written)
+        self._mode_written = False
+        self.counts = [table.count(beams) for table in TABLES]
+        reciprocals = [0] * self.counts[_NAMES["reciprocal"]]
+        self.tables = [
+            [reciprocals if table.name == "reciprocal" else [0] * count
+             for table, count in zip(TABLES, self.counts, strict=True)] for _ in range(2)]
+        self.bank = 0
+        self.tables_valid = self.begun = self.committed = False
+        self.capture = self.cleared = 0
+        self.ready = True
+        self.status = {field.name: 0 for field in STATUS_FIELDS}
+        self._sensor = (width, height, beams, TABLE_VERSION)
+        self._identity = {
+            "protocol": PROTOCOL_VERSION, "tables": TABLE_VERSION, "width": width,
+            "height": height, "beams": beams, "lanes": lanes, "preset": preset,
+            "clock_khz": clock_hz // 1000}
+        self._receiver = PacketReceiver()
+
+    # From the rest of the chip.
+
+    def hand_over(self):
+        """A frame starts without spots of an older one, or the chip is idle and stopped."""
+        self.acting = dict(self.written)
+        self._mode_written = False
+        if self.committed:
+            self.bank ^= 1
+            self.tables_valid, self.committed = True, False
+
+    def single_done(self):
+        """The single pair was exposed."""
+        if self.acting["mode"] == Mode.SINGLE:
+            self.acting["mode"] = int(Mode.STOP)
+            if not self._mode_written:
+                self.written["mode"] = int(Mode.STOP)
+
+    # From the host.
+
+    def hear(self, octets):
+        """Replies (contents of packets, without sequence number) to octets on the line."""
+        replies = []
+        for octet in octets:
+            content = self._receiver.hear(octet)
+            if content is False:
+                self._count("damaged")
+                replies.append(bytes([PacketKind.REPLY, 0, 0, Reason.DAMAGED_PACKET]))
+            elif content:
+                replies.append(self.reply(content))
+        return replies
+
+    def reply(self, content):
+        """Reply to the content of a packet that passed its check."""
+        command, tag, parameters = content[0], content[1], content[2:]
+        reason, data = Reason.OK, b""
+        try:
+            data = self._carry_out(command, parameters)
+        except Refused as refused:
+            reason = refused.args[0]
+        self._count("refused" if reason else "commands")
+        return bytes([PacketKind.REPLY, tag, command, reason]) + data
+
+    def _count(self, name):
+        self.status[name] = min(self.status[name] + 1, 0xFFFF)
+
+    def _carry_out(self, command, parameters):
+        try:
+            command = Command(command)
+        except ValueError:
+            raise Refused(Reason.UNKNOWN_COMMAND) from None
+        if len(parameters) != _LENGTHS.get(command, len(parameters)) or (
+                command == Command.TABLE and len(parameters) < 4):
+            raise Refused(Reason.WRONG_LENGTH)
+        return getattr(self, "_" + command.name.lower())(parameters) or b""
+
+    def _identify(self, _):
+        return b"".join(self._identity[field.name].to_bytes(field.bits // 8, "little")
+                        for field in IDENTITY_FIELDS)
+
+    def _status(self, _):
+        mine = (self.tables_valid | bool(self.capture) << 2 | self.committed << 3 | self.bank << 4
+                | self.acting["mode"] << 5)
+        values = {**self.status, "state": self.status["state"] | mine}
+        return b"".join(values[field.name].to_bytes(field.bits // 8, "little")
+                        for field in STATUS_FIELDS)
+
+    def _register(self, address):
+        if address not in self.registers:
+            raise Refused(Reason.UNKNOWN_REGISTER)
+        return self.registers[address]
+
+    def _write(self, parameters):
+        register = self._register(parameters[0])
+        value = int.from_bytes(parameters[1:], "little", signed=register.signed)
+        low, high = register.low, register.high
+        if register.signed:
+            low, high = -(1 << register.bits - 1), (1 << register.bits - 1) - 1
+        elif high is None:
+            high = (1 << register.bits) - 1
+        if not low <= value <= high:
+            raise Refused(Reason.OUT_OF_RANGE)
+        if register.only_stopped and self.acting["mode"] != Mode.STOP:
+            raise Refused(Reason.NOT_STOPPED)
+        self.written[register.name] = value
+        self._mode_written = self._mode_written or register.name == "mode"
+
+    def _read(self, parameters):
+        register = self._register(parameters[0])
+        return self.written[register.name].to_bytes(4, "little", signed=register.signed)
+
+    def _begin(self, parameters):
+        sensor = (_number(parameters[:2]), _number(parameters[2:4]), *parameters[4:])
+        if sensor != self._sensor:
+            raise Refused(Reason.OTHER_SENSOR)
+        if self.committed:
+            raise Refused(Reason.BUSY)
+        self.begun = True
+
+    def _words(self, number, first, count):
+        """A table of the new set, if it has those words and may be used."""
+        if not count or first + count > self.counts[number]:
+            raise Refused(Reason.OUT_OF_RANGE)
+        if self.committed or not self.ready:
+            raise Refused(Reason.BUSY)
+        return self.tables[1 - self.bank][number]
+
+    def _table(self, parameters):
+        number, first, octets = parameters[0], _number(parameters[1:3]), parameters[3:]
+        if number >= len(TABLES):
+            raise Refused(Reason.UNKNOWN_TABLE)
+        table = TABLES[number]
+        count, rest = divmod(len(octets), table.octets)
+        if rest:
+            raise Refused(Reason.WRONG_LENGTH)
+        words = self._words(number, first, count)
+        if not self.begun:
+            raise Refused(Reason.NO_BEGIN)
+        if table.name == "reciprocal":
+            if self.acting["mode"] != Mode.STOP:
+                raise Refused(Reason.NOT_STOPPED)
+            self.tables_valid = False
+        for index in range(count):
+            word = _number(octets[table.octets * index:table.octets * (index + 1)])
+            words[first + index] = word & ((1 << table.bits) - 1)
+
+    def _read_table(self, parameters):
+        number, first, count = parameters[0], _number(parameters[1:3]), parameters[3]
+        if number >= len(TABLES):
+            raise Refused(Reason.UNKNOWN_TABLE)
+        octets = TABLES[number].octets
+        if count * octets > _DATA_LIMIT:
+            raise Refused(Reason.OUT_OF_RANGE)
+        words = self._words(number, first, count)
+        return b"".join(word.to_bytes(octets, "little") for word in words[first:first + count])
+
+    def checks(self):
+        """The CRC-32 of each table of the new set."""
+        return [zlib.crc32(b"".join(word.to_bytes(table.octets, "little") for word in words))
+                for table, words in zip(TABLES, self.tables[1 - self.bank], strict=True)]
+
+    def _commit(self, parameters):
+        if self.committed or not self.ready:
+            raise Refused(Reason.BUSY)
+        if not self.begun:
+            raise Refused(Reason.NO_BEGIN)
+        given = [_number(parameters[at:at + 4]) for at in range(0, 16, 4)]
+        if given != self.checks():
+            raise Refused(Reason.DAMAGED_TABLE)
+        self.committed, self.begun = True, False
+
+    def _capture(self, parameters):
+        self.capture = _number(parameters)
+
+    def _clear(self, _):
+        self.cleared += 1

@@ -58,7 +58,7 @@ class Block:
         choices = {
             "config": config, "width": config.width, "height": config.height,
             "beams": config.beams, "lanes": config.lanes, "spot_depth": config.spot_depth,
-            "clock_hz": config.clock_hz,
+            "clock_hz": config.clock_hz, "preset": config.preset,
         }
         if self.name == "spot_queue":
             choices["depth"] = config.spot_depth
@@ -78,7 +78,7 @@ BLOCKS = tuple(Block(name, unit) for unit, names in {
                    "frame_banks frame_memory",
     "preprocessing": "histogram threshold remap binarise erosion labelling spot_queue centre",
     "stereo": "undistort recentre epipolar depth",
-    "link": "packet uart_tx uart_rx receiver",
+    "link": "packet uart_tx uart_rx receiver registers commands",
     "common": "table_memory stage point_fifo sram",
 }.items() for name in names.split())
 #: The whole design.

@@ -12,7 +12,7 @@ __all__ = [
     "FRACTION_BITS", "COORDINATE_BITS", "AREA_LIMIT", "Mark", "GreyPixel", "MaskPixel", "Spot",
     "QueuedSpot", "Counts", "Centre", "Undistorted", "Status", "Match", "Point", "FrameInfo",
     "FrameTag", "PacketOctet", "MemoryCommand",
-    "StoredFrame",
+    "StoredFrame", "SpotMark",
 ]
 
 #: Bits behind the binary point of a coordinate in pixels.
@@ -200,3 +200,12 @@ class StoredFrame(data.Struct):
 
     number: 16
     texture: 1
+
+
+class SpotMark(data.Struct):
+    """A spot to be marked in the picture, or (``end``) the end of a frame's spots."""
+
+    end: 1
+    ok: 1
+    u: unsigned(COORDINATE_BITS)
+    v: unsigned(COORDINATE_BITS)

@@ -47,14 +47,14 @@ class FrameBanks(wiring.Component):
     -------
     opens : :py:`In(1)`
         A frame begins in this clock (``sync``).
-    info : :py:`In(shape)`
-        What is known of it, in that clock.
     free : :py:`Out(1)`
         High if that frame may be written.
     write_bank : :py:`Out(2)`
         Bank to write to, from that clock on until the frame's end.
     closes : :py:`In(1)`
         The frame that was written is whole; its last word is written in this clock.
+    info : :py:`In(shape)`
+        What is known of it, in that clock.
     skipped, unread : :py:`Out(8)`
         Frames that found no free bank, and whole frames that a newer one replaced before the
         reader asked. They stop at 255.
@@ -81,10 +81,10 @@ class FrameBanks(wiring.Component):
         self.banks, self.shape = banks, shape
         super().__init__({
             "opens": In(1),
-            "info": In(shape),
             "free": Out(1, init=1),
             "write_bank": Out(range(banks)),
             "closes": In(1),
+            "info": In(shape),
             "skipped": Out(_COUNT_BITS),
             "unread": Out(_COUNT_BITS),
             "acquire": In(1),
@@ -108,7 +108,6 @@ class FrameBanks(wiring.Component):
         reader = Signal(bank)
         reader_exists = Signal()
         reader_is_fresh = Signal()
-        written_info = Signal(self.shape)
         newest_info = Signal(self.shape)
         reader_info = Signal(self.shape)
 
@@ -129,14 +128,12 @@ class FrameBanks(wiring.Component):
         with m.Elif(~request_heard):
             m.d.sync += answer.eq(0)
 
-        with m.If(self.opens):
-            m.d.sync += written_info.eq(self.info)
-            with m.If(~self.free):
-                m.d.sync += self.skipped.eq(self.skipped + ~self.skipped.all())
+        with m.If(self.opens & ~self.free):
+            m.d.sync += self.skipped.eq(self.skipped + ~self.skipped.all())
         with m.If(self.closes):
             m.d.sync += [
                 newest.eq(self.write_bank), newest_exists.eq(1), newest_is_unread.eq(1),
-                newest_info.eq(written_info),
+                newest_info.eq(self.info),
                 self.unread.eq(self.unread + (newest_is_unread & ~self.unread.all())),
             ]
             with m.Switch(Cat(self.write_bank, reader, reader_exists)):

@@ -85,6 +85,7 @@ class FrameMemory(wiring.Component):
         pixels = self.width * self.height
 
         # Writing. `inside` a frame, `taking` it; a frame that is too long wraps around in its bank.
+        info = Signal(self.shape)
         inside = Signal()
         taking = Signal()
         place = Signal(range(pixels))
@@ -100,13 +101,13 @@ class FrameMemory(wiring.Component):
             ends.eq(self.i.valid & mark.frame_end),
             whole.eq(~mark.broken & ~too_long & (place == pixels - 1)),
             banks.opens.eq(first),
-            banks.info.eq(self.info),
+            banks.info.eq(info),
             banks.closes.eq(ends & writes & whole),
             self.skipped.eq(banks.skipped),
             self.unread.eq(banks.unread),
         ]
         with m.If(first):
-            m.d.sync += [inside.eq(1), taking.eq(banks.free)]
+            m.d.sync += [inside.eq(1), taking.eq(banks.free), info.eq(self.info)]
         with m.If(self.i.valid):
             m.d.sync += place.eq(Mux(place == pixels - 1, 0, place + 1))
             m.d.sync += too_long.eq(too_long | (place == pixels - 1))

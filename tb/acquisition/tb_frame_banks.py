@@ -38,16 +38,16 @@ class Ports:
         """A frame of so many clocks; the bank that it went to, or None."""
         dut = self.dut
         dut.opens.value = 1
-        dut.info.value = info
+        dut.info.value = info ^ 0x1FFFF  # only heard in the end
         await ReadOnly()
         free, bank = bool(dut.free.value), int(dut.write_bank.value)
         await RisingEdge(dut.clk)
         dut.opens.value = 0
-        dut.info.value = info ^ 0x1FFFF  # only heard with the first pixel
         await ClockCycles(dut.clk, clocks)
         self.refused += not free
         if free and not broken:
             dut.closes.value = 1
+            dut.info.value = info
             await ReadOnly()
             assert int(dut.write_bank.value) == bank, "the bank moved within a frame"
             await RisingEdge(dut.clk)

@@ -2,38 +2,56 @@
 
 import numpy as np
 
-from model.link.packet import POINT, Frame
+from model.link.points import POINT, PatternFrame
 from model.preprocessing.binarise import binarise
 from model.preprocessing.centre import centres
 from model.preprocessing.erosion import erode
 from model.preprocessing.histogram import histogram
-from model.preprocessing.labelling import label
 from model.preprocessing.remap import remap
 from model.preprocessing.spot_queue import screen
 from model.preprocessing.threshold import threshold
+from model.preprocessing.two_pass_labelling import label_in_two_passes
 from model.stereo.depth import inverse_depth
 from model.stereo.epipolar import match
 from model.stereo.recentre import recentre
 
-__all__ = ["Paper", "corrected_spots"]
+__all__ = ["LABELS", "Paper", "corrected_spots"]
+
+#: Provisional labels of a frame in the preset.
+LABELS = 1023
+_COUNT_LIMIT = 0xFFFF
 
 
-def corrected_spots(image, settings):
+def corrected_spots(image, settings, labels=LABELS):
     """Level of an image, and the components of its corrected image as the spot queue keeps them.
 
-    The level is learnt on the image itself, all of it, before it is corrected.
+    The level is learnt on the image itself, all of it, before it is corrected. All pixels weigh 1.
+
+    Parameters
+    ----------
+    image : array (height, width) of uint8
+        Grey values.
+    settings : :class:`model.settings.Settings`
+        Registers and tables.
+    labels : :class:`int`
+        Provisional labels of a frame.
 
     Returns
     -------
     level, spots, counts
-        The latter two from :func:`model.preprocessing.spot_queue.screen`.
+        The latter two from :func:`model.preprocessing.spot_queue.screen`; components that found no
+        label are among ``spots`` and ``dropped``.
     """
     level = settings.level_fixed
     if level is None:
         level = int(threshold(histogram(image, whole=True), settings.alpha))
-    lit, excess = binarise(remap(image, settings.remap), level)
+    lit, _ = binarise(remap(image, settings.remap), level)
     lit, core = erode(lit, settings.erosion)
-    return level, *screen(label(lit, core, excess, settings.weighted), settings)
+    found, unlabelled = label_in_two_passes(lit, core, labels)
+    spots, counts = screen(found, settings)
+    for name in ("spots", "dropped"):
+        counts[name] = min(counts[name] + unlabelled, _COUNT_LIMIT)
+    return level, spots, counts
 
 
 class Paper:
@@ -48,10 +66,13 @@ class Paper:
         Registers and tables.
     width, height : :class:`int`
         Sensor size in pixels.
+    labels : :class:`int`
+        Provisional labels of a frame.
     """
 
-    def __init__(self, settings, width, height):
+    def __init__(self, settings, width, height, labels=LABELS):
         self.settings, self.width, self.height = settings, width, height
+        self.labels = labels
         self.number = 0
 
     def frame(self, image):
@@ -64,7 +85,7 @@ class Paper:
 
         Returns
         -------
-        :class:`model.link.packet.Frame`
+        :class:`model.link.points.PatternFrame`
             Points and counts; u and v are places in the corrected image.
 
         Raises
@@ -77,7 +98,7 @@ class Paper:
             raise ValueError(f"A frame must have {self.width} x {self.height} pixels of 8 bits, "
                              f"not {image.shape[::-1]} of {image.dtype}")
         settings = self.settings
-        level, spots, counts = corrected_spots(image, settings)
+        level, spots, counts = corrected_spots(image, settings, self.labels)
         u, v = centres(spots, settings.reciprocal)
         x, y, inside = recentre(u, v, self.width, self.height)
         status, beam = match(x, y, spots["rejected"] | ~inside, settings.line, settings.window)
@@ -86,5 +107,5 @@ class Paper:
         points["status"], points["beam"], points["inverse_z"] = status, beam, inverse_z
         points["area"], points["u"], points["v"] = spots["area"], u, v
         number, self.number = self.number, (self.number + 1) & 0xFFFF
-        return Frame(points=points, number=number, level=level, spots=counts["spots"],
-                     rejected=counts["rejected"])
+        return PatternFrame(points=points, number=number, level=level, spots=counts["spots"],
+                            rejected=counts["rejected"], dropped=counts["dropped"])

@@ -12,7 +12,7 @@ from amaranth.hdl import (
     Signal,
     signed,
 )
-from amaranth.lib import enum, wiring
+from amaranth.lib import stream, wiring
 from amaranth.lib.fifo import SyncFIFO
 from amaranth.lib.wiring import In, Out, connect
 
@@ -22,9 +22,9 @@ from .common.point_fifo import PointFIFO
 from .common.stage import Stage
 from .common.table_memory import TableMemory
 from .config import Config
-from .link.packet import Packet
-from .link.uart_tx import UARTTransmitter
-from .payloads import COORDINATE_BITS, FrameInfo, Spot, Undistorted
+from .link.points import Points
+from .link.transmitter import Transmitter
+from .payloads import COORDINATE_BITS, FrameInfo, FrameTag, PacketOctet, Spot, Undistorted
 from .preprocessing.binarise import Binarise
 from .preprocessing.centre import Centring
 from .preprocessing.erosion import Erosion
@@ -32,27 +32,20 @@ from .preprocessing.histogram import Histogram
 from .preprocessing.labelling import Labelling
 from .preprocessing.spot_queue import SpotQueue
 from .preprocessing.threshold import Threshold
+from .protocol import TABLES
 from .stereo.depth import Depth
 from .stereo.epipolar import Epipolar
 from .stereo.undistort import Undistort
 
-__all__ = ["Capsule", "TableSelect"]
+__all__ = ["Capsule", "REGISTERS", "TABLE_PORT"]
 
 #: Frames whose points may still be on their way when the next one starts.
 _FRAMES_IN_FLIGHT = 4
 #: Clocks that the spot side goes on after the last sign of work: no block hides any for longer.
-_LINGER = 63
+_LINGER = 127
 
-
-class TableSelect(enum.Enum, shape=2):
-    """Which memory a table write goes to."""
-
-    SHARED = 0  # words 0 to 255 depth, 256 to 511 reciprocals
-    RADIAL = 1
-    BEAMS = 2  # line in the low 36 bits, window above
-
-
-_REGISTERS = {
+#: Registers that measuring needs, by their names in :mod:`hdl.protocol`.
+REGISTERS = {
     "threshold_fixed": 1,
     "threshold_level": 8,
     "alpha": 8,
@@ -66,8 +59,21 @@ _REGISTERS = {
     "tangential_1": signed(18),
     "tangential_2": signed(18),
     "divisor": 16,
+    "full_records": 1,
+    "texture_enable": 1,
+}
+#: How the host reaches the tables.
+TABLE_PORT = {
+    "bank": In(1),
+    "table_write": In(1),
+    "table_read": In(1),
+    "table_select": In(2),
+    "table_address": In(10),
+    "table_data": In(72),
+    "table_word": Out(72),
 }
 _PIXEL_SIDE = ("erosion_mode", "weighted")
+_LINK_SIDE = ("divisor", "texture_enable")
 
 
 class Capsule(wiring.Component):
@@ -82,6 +88,10 @@ class Capsule(wiring.Component):
     may stand still in every clock in which ``busy`` is low, without any difference to what comes
     out. On a device with clock gates that saves power; in a simulation, time.
 
+    Tables have two banks, the reciprocals excepted. Spots are measured with bank ``bank``, the
+    host writes and reads back the other one. It may do so while ``idle`` is high; its accesses
+    may borrow a block's memory port, so at other times they would spoil points.
+
     Parameters
     ----------
     config : :class:`hdl.config.Config`
@@ -93,16 +103,36 @@ class Capsule(wiring.Component):
     -------
     frame_valid, line_valid, data : :py:`In(1)`, :py:`In(1)`, :py:`In(8)`
         The camera's pins, sampled at each rising edge in the domain ``pixel``.
-    tx : :py:`Out(1)`
-        The serial pin, 8N1, at ``divisor`` clocks a bit.
+    tag : :py:`In(FrameTag)`
+        How the frame at the pins was exposed. Texture frames only go to the link.
+    tripped, tables_valid : :py:`In(1)`
+        State of the laser guard and of the tables, told to the reader with each frame.
+    reply : :py:`In(stream.Signature(PacketOctet))`
+        Answers to the host.
+    tx, cts : :py:`Out(1)`, :py:`In(1)`
+        The serial pin, 8N1, at ``divisor`` clocks a bit; may it send.
     busy : :py:`Out(1)`
         The spot side needs its clock.
-    threshold_fixed, threshold_level, alpha, erosion_mode, weighted, area_min, area_max, \
-    report_rejected, principal_u, principal_v, tangential_1, tangential_2, divisor
-        Registers; they may change only between frames, and are heard with the next frame's first
-        pixel. See ``hdl/README.md``.
-    table_enable, table_select, table_address, table_data
-        Writes a word of a table in each clock that ``table_enable`` is high, between frames.
+    idle : :py:`Out(1)`
+        No pattern frame passes, and no spot is under way: tables and registers may change.
+    frame_begun, frame_ended, frame_broken : :py:`Out(1)`
+        High for a clock with a frame's first pixel, with its last, and with loss of synchronism.
+    bad_sync, overrun, skipped : :py:`Out(8)`
+        Frames that lost synchronism, that lost pixels between the clocks, that were left out for
+        want of room, since reset; they stop at 255.
+    packets : :py:`Out(16)`
+        Packets sent, modulo 65536.
+    sending : :py:`Out(1)`
+        A packet is on the line, or waits for it.
+    REGISTERS
+        May change while ``idle``. See ``hdl/protocol.py``.
+    bank : :py:`In(1)`
+        Bank of the tables that spots are measured with.
+    table_write, table_read, table_select, table_address, table_data
+        Writes or reads a word of the other bank; the number of the table and the words are those
+        of :data:`hdl.protocol.TABLES`.
+    table_word : :py:`Out(72)`
+        The word, from the second clock after ``table_read`` to the next read.
     """
 
     def __init__(self, config, gated=False):
@@ -114,13 +144,24 @@ class Capsule(wiring.Component):
             "frame_valid": In(1),
             "line_valid": In(1),
             "data": In(8),
+            "tag": In(FrameTag),
+            "tripped": In(1),
+            "tables_valid": In(1),
+            "reply": In(stream.Signature(PacketOctet)),
             "tx": Out(1, init=1),
+            "cts": In(1),
             "busy": Out(1),
-            **{name: In(shape) for name, shape in _REGISTERS.items()},
-            "table_enable": In(1),
-            "table_select": In(TableSelect),
-            "table_address": In(10),
-            "table_data": In(72),
+            "idle": Out(1),
+            "frame_begun": Out(1),
+            "frame_ended": Out(1),
+            "frame_broken": Out(1),
+            "bad_sync": Out(8),
+            "overrun": Out(8),
+            "skipped": Out(8),
+            "packets": Out(16),
+            "sending": Out(1),
+            **{name: In(shape) for name, shape in REGISTERS.items()},
+            **TABLE_PORT,
         })
 
     def elaborate(self, platform):
@@ -134,9 +175,9 @@ class Capsule(wiring.Component):
             m.d.comb += [
                 ClockSignal("spot").eq(ClockSignal()), ResetSignal("spot").eq(ResetSignal())]
         register = {}
-        for name, shape in _REGISTERS.items():
+        for name, shape in REGISTERS.items():
             register[name] = Signal(shape, name=name)
-            domain = "sync" if name in _PIXEL_SIDE else "spot"
+            domain = "sync" if name in _PIXEL_SIDE + _LINK_SIDE else "spot"
             m.d[domain] += register[name].eq(getattr(self, name))
 
         # Acquisition.
@@ -182,6 +223,9 @@ class Capsule(wiring.Component):
             threshold.fixed_level.eq(register["threshold_level"]),
             gate.level.eq(threshold.level),
             gate.learnt.eq(threshold.learnt),
+            gate.tag.eq(self.tag),
+            gate.tripped.eq(self.tripped),
+            gate.tables_valid.eq(self.tables_valid),
             binarise.level.eq(threshold.level),
             binarise.enable.eq(threshold.learnt),
             erosion.mode.eq(register["erosion_mode"]),
@@ -211,54 +255,102 @@ class Capsule(wiring.Component):
 
         # Tables. Depth and reciprocals share a memory, each block with a port of its own.
         m.submodules.shared_table = shared_table = spot_side(TableMemory(config.beams))
-        write = {memory: Signal(name=f"write_{memory.name.lower()}") for memory in TableSelect}
+        chosen = {table.name: Signal(name=f"is_{table.name}") for table in TABLES}
+        m.d.comb += [chosen[table.name].eq(self.table_select == table.number) for table in TABLES]
+        shared = chosen["depth"] | chosen["reciprocal"]
         m.d.comb += [
-            *(write[memory].eq(self.table_enable & (self.table_select == memory))
-              for memory in TableSelect),
+            *(block.bank.eq(self.bank) for block in (shared_table, undistort, epipolar)),
+            *(block.write_bank.eq(~self.bank) for block in (shared_table, undistort, epipolar)),
             shared_table.a_address.eq(depth.table_address),
             depth.table_data.eq(shared_table.a_data),
             shared_table.b_address.eq(Cat(centre.table_address, C(1, 1))),
             centre.table_data.eq(shared_table.b_data),
-            shared_table.write_enable.eq(write[TableSelect.SHARED]),
-            shared_table.write_address.eq(self.table_address),
+            shared_table.write_enable.eq(self.table_write & shared),
+            shared_table.read_enable.eq(self.table_read & shared),
+            shared_table.write_address.eq(Cat(self.table_address[:8], chosen["reciprocal"])),
             shared_table.write_data.eq(self.table_data),
-            undistort.radial_write_enable.eq(write[TableSelect.RADIAL]),
+            undistort.radial_write_enable.eq(self.table_write & chosen["radial"]),
             undistort.radial_write_address.eq(self.table_address),
             undistort.radial_write_data.eq(self.table_data),
-            epipolar.write_enable.eq(write[TableSelect.BEAMS]),
+            epipolar.write_enable.eq(self.table_write & chosen["beams"]),
+            epipolar.read_enable.eq(self.table_read & chosen["beams"]),
             epipolar.write_address.eq(self.table_address),
             epipolar.write_line.eq(self.table_data[:36]),
             epipolar.write_window.eq(self.table_data[36:]),
         ]
+        read = Signal()
+        m.d.spot += read.eq(self.table_read)
+        with m.If(read):
+            with m.If(chosen["radial"]):
+                m.d.spot += self.table_word.eq(undistort.radial_read_data)
+            with m.Elif(chosen["beams"]):
+                m.d.spot += self.table_word.eq(Cat(epipolar.read_line, epipolar.read_window))
+            with m.Else():
+                m.d.spot += self.table_word.eq(shared_table.a_data)
 
-        # Link.
-        m.submodules.packet = packet = spot_side(Packet())
-        m.submodules.uart_tx = uart_tx = spot_side(UARTTransmitter())
-        connect(m, point_fifo.o, packet.i)
-        connect(m, spot_queue.counts, packet.counts)
-        connect(m, frame_info.r_stream, packet.info)
-        connect(m, packet.o, uart_tx.i)
-        m.d.spot += [packet.bad_sync.eq(camera.bad_sync), packet.overrun.eq(camera.overrun)]
+        # Link. Octets cross to the side whose clock never stops.
+        m.submodules.points = points = spot_side(Points())
+        m.submodules.transmitter = transmitter = Transmitter(**size)
+        connect(m, point_fifo.o, points.i)
+        connect(m, spot_queue.counts, points.counts)
+        connect(m, frame_info.r_stream, points.info)
+        connect(m, points.o, transmitter.points)
+        connect(m, wiring.flipped(self.reply), transmitter.reply)
+        connect(m, gate.texture, transmitter.texture)
+        connect(m, gate.texture_info, transmitter.texture_info)
         m.d.comb += [
-            uart_tx.divisor.eq(register["divisor"]),
-            self.tx.eq(uart_tx.tx),
+            points.full_records.eq(register["full_records"]),
+            transmitter.divisor.eq(register["divisor"]),
+            transmitter.texture_enable.eq(register["texture_enable"]),
+            transmitter.bad_sync.eq(camera.bad_sync),
+            transmitter.overrun.eq(camera.overrun),
+            transmitter.cts.eq(self.cts),
+            self.tx.eq(transmitter.tx),
+            self.packets.eq(transmitter.packets),
+            self.sending.eq(transmitter.busy),
         ]
 
-        # The spot side works while anything moves between its blocks, and a little longer.
-        learning, moves = Signal(), Signal()
+        # The spot side works while anything moves between its blocks, and a little longer. Spots
+        # are under way from a pattern frame's first pixel until none has moved for as long.
+        learning, spots_move, moves = Signal(), Signal(), Signal()
         linger = Signal(range(_LINGER + 1), init=_LINGER)
+        quiet = Signal(range(_LINGER + 1))
+        pattern = Signal()
         with m.If(histogram.closed | histogram.done | histogram.lost):
             m.d.sync += learning.eq(histogram.closed)
         m.d.comb += [
+            spots_move.eq(Cat(
+                labelling.o.valid, spot_stage.o.valid, spot_queue.o.valid, centre.o.valid,
+                undistort.o.valid, match_stage.o.valid, epipolar.o.valid, depth.o.valid).any()),
             moves.eq(Cat(
-                self.table_enable, gate.info.valid, histogram.closed, learning, histogram.done,
-                histogram.lost, labelling.o.valid, spot_stage.o.valid, spot_queue.o.valid,
-                centre.o.valid, undistort.o.valid, match_stage.o.valid, epipolar.o.valid,
-                depth.o.valid, point_fifo.o.valid, packet.o.valid, ~uart_tx.i.ready).any()),
+                spots_move, self.table_write, self.table_read, gate.info.valid, histogram.closed,
+                learning, histogram.done, histogram.lost, point_fifo.i.valid,
+                point_fifo.o.valid & points.i.ready, points.o.valid & points.o.ready).any()),
             self.busy.eq(moves | linger.any()),
+            self.idle.eq(~pattern & ~spots_move & (quiet == 0)),
         ]
-        with m.If(moves):
-            m.d.sync += linger.eq(_LINGER)
-        with m.Elif(linger.any()):
-            m.d.sync += linger.eq(linger - 1)
+        for left, restart in ((linger, moves), (quiet, spots_move | pattern)):
+            with m.If(restart):
+                m.d.sync += left.eq(_LINGER)
+            with m.Elif(left.any()):
+                m.d.sync += left.eq(left - 1)
+        with m.If(gate.info.valid & gate.info.ready):
+            m.d.sync += pattern.eq(1)
+        with m.Elif(histogram.done | histogram.lost):
+            m.d.sync += pattern.eq(0)
+
+        # For the sequencer and for the host.
+        inside = Signal()
+        beat = camera.o.valid & camera.o.ready
+        mark = camera.o.p.mark
+        with m.If(beat):
+            m.d.sync += inside.eq(~mark.frame_end)
+        m.d.comb += [
+            self.frame_begun.eq(beat & ~inside & ~mark.broken),
+            self.frame_ended.eq(beat & mark.frame_end & ~mark.broken),
+            self.frame_broken.eq(beat & mark.broken),
+            self.bad_sync.eq(camera.bad_sync),
+            self.overrun.eq(camera.overrun),
+            self.skipped.eq(gate.lost),
+        ]
         return m

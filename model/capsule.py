@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from model.link.packet import POINT, Frame
+from model.link.points import POINT, PatternFrame
 from model.preprocessing.binarise import binarise
 from model.preprocessing.centre import centres
 from model.preprocessing.erosion import erode
@@ -47,7 +47,7 @@ class Capsule:
 
         Returns
         -------
-        :class:`model.link.packet.Frame`
+        :class:`model.link.points.PatternFrame`
             Points and counts.
 
         Raises
@@ -62,7 +62,7 @@ class Capsule:
         fixed = self.settings.level_fixed
         level = self._level if fixed is None else fixed
         if level is None:
-            result = Frame(number=self.number, learning=True)
+            result = PatternFrame(number=self.number, learning=True)
         else:
             result = self._measure(image, level)
         if fixed is None:
@@ -82,5 +82,5 @@ class Capsule:
         points = np.zeros(len(spots), POINT)
         points["status"], points["beam"], points["inverse_z"] = status, beam, inverse_z
         points["area"], points["u"], points["v"] = spots["area"], u, v
-        return Frame(points=points, number=self.number, level=level, spots=counts["spots"],
-                     rejected=counts["rejected"])
+        return PatternFrame(points=points, number=self.number, level=level,
+                            spots=counts["spots"], rejected=counts["rejected"])

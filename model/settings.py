@@ -2,17 +2,15 @@
 
 from dataclasses import dataclass, field
 
-__all__ = ["EROSION_MODES", "RADIAL_WORDS", "RECIPROCAL_WORDS", "SHARED", "RADIAL", "BEAMS",
-           "RECIPROCAL_START", "Settings"]
+__all__ = ["EROSION_MODES", "RADIAL_WORDS", "RECIPROCAL_WORDS", "DEPTH", "RECIPROCAL", "RADIAL",
+           "BEAMS", "Settings"]
 
 #: Erosion modes in the order of their codes.
 EROSION_MODES = ("off", "erode", "gate")
 RADIAL_WORDS = 1024
 RECIPROCAL_WORDS = 256
-#: Memories of the chip: depth and reciprocals; radial scale; lines (low 36 bits) and windows.
-SHARED, RADIAL, BEAMS = range(3)
-#: First reciprocal in the shared memory, behind the depth words.
-RECIPROCAL_START = 256
+#: Numbers of the chip's tables; those of beams are lines (low 36 bits) and windows.
+DEPTH, RECIPROCAL, RADIAL, BEAMS = range(4)
 _MASK_18 = (1 << 18) - 1
 
 
@@ -81,12 +79,10 @@ class Settings:
         }
 
     def table_words(self):
-        """Yield (memory, address, word) of every table write, memories as above."""
-        for address, word in enumerate(self.depth):
-            yield SHARED, address, int(word)
-        for address, word in enumerate(self.reciprocal):
-            yield SHARED, RECIPROCAL_START + address, int(word)
-        for address, word in enumerate(self.radial):
-            yield RADIAL, address, int(word)
-        for address, (line, window) in enumerate(zip(self.line, self.window, strict=True)):
-            yield BEAMS, address, int(line) | int(window) << 36
+        """Yield (table, address, word) of every table write, tables as above."""
+        beams = (int(line) | int(window) << 36
+                 for line, window in zip(self.line, self.window, strict=True))
+        for table, words in ((DEPTH, self.depth), (RECIPROCAL, self.reciprocal),
+                             (RADIAL, self.radial), (BEAMS, beams)):
+            for address, word in enumerate(words):
+                yield table, address, int(word)

@@ -78,7 +78,8 @@ BLOCKS = tuple(Block(name, unit) for unit, names in {
                    "frame_banks frame_memory",
     "preprocessing": "histogram threshold remap binarise erosion labelling spot_queue centre",
     "stereo": "undistort recentre epipolar depth",
-    "link": "packet points texture scheduler framer uart_tx uart_rx receiver registers commands",
+    "link": "points texture scheduler framer uart_tx transmitter uart_rx receiver registers "
+            "commands",
     "common": "table_memory stage point_fifo sram",
 }.items() for name in names.split())
 #: The whole design.

@@ -4,7 +4,6 @@ Both take frames and give what the link decoder makes of the chip's octets.
 """
 
 import ctypes
-import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +12,12 @@ import numpy as np
 
 from hdl.config import PRESETS
 from model.capsule import Capsule as CapsuleModel
-from model.link.packet import encode
-from scripts.decoder import Decoder
+from model.link.framer import frame as framed
+from model.link.points import packets
 from scripts.errors import UserError
-from scripts.native import ROOT, build
+from scripts.link import Decoder
+from scripts.native import ROOT, build, clocked_verilog
+from scripts.rebuild import Rebuilder
 from scripts.verilator import verilator_environment
 
 __all__ = ["ModelEngine", "RTLEngine", "open_engine", "require_compiler"]
@@ -28,9 +29,9 @@ _PATIENCE = 4_000_000
 class _Engine:
     """Frames in, decoded frames out, one for each in its order."""
 
-    def __init__(self, settings):
+    def __init__(self, settings, width, height):
         self.settings = settings
-        self.decoder = Decoder()
+        self.decoder = Decoder(Rebuilder(settings, width, height))
         self._discard = []
 
     def frames(self, images, independent=False):
@@ -63,13 +64,14 @@ class ModelEngine(_Engine):
     """The golden model, frame by frame."""
 
     def __init__(self, settings, width, height):
-        super().__init__(settings)
+        super().__init__(settings, width, height)
         self._model = CapsuleModel(settings, width, height)
         self._sequence = 0
 
     def _octets(self, image):
-        octets, self._sequence = encode(self._model.frame(image), self._sequence)
-        return octets
+        contents = packets(self._model.frame(image), full_records=True)
+        octets, self._sequence = framed(contents, self._sequence)
+        return b"".join(octets)
 
     def _finish(self):
         return []
@@ -86,39 +88,13 @@ def require_compiler():
 
 
 def _verilog(config):
-    """The capsule as the harness wants it.
-
-    Pixels and system share a clock, and no reset is wired: a new library starts from power-up.
-    Any change of a clock stands for a rising edge, so that one evaluation makes a clock.
-    """
-    from amaranth.hdl import ClockDomain, Module, Value
-    from amaranth.lib import wiring
-    from amaranth.lib.wiring import In
-
+    """The capsule as the harness wants it; pixels and system share a clock."""
     from hdl.capsule import Capsule
-    from hdl.export import to_fast_verilog
 
-    capsule = Capsule(config, gated=True)
-
-    class Native(wiring.Component):
-        def __init__(self):
-            super().__init__({**capsule.signature.members, "clk": In(1), "spot_clk": In(1)})
-
-        def elaborate(self, platform):
-            m = Module()
-            m.submodules.capsule = capsule
-            for name, clock in (("sync", self.clk), ("pixel", self.clk), ("spot", self.spot_clk)):
-                domain = ClockDomain(name, local=True)
-                setattr(m.domains, name, domain)
-                m.d.comb += [domain.clk.eq(clock), domain.rst.eq(0)]
-            for name, member in capsule.signature.members.items():
-                mine, its = (Value.cast(getattr(side, name)) for side in (self, capsule))
-                # Registers in front of tables leave no logic that hangs on the inputs alone.
-                domain = "spot" if name.startswith("table_") else "comb"
-                m.d[domain] += its.eq(mine) if member.flow == In else mine.eq(its)
-            return m
-
-    return re.sub(r"\bposedge (\w*clk)\b", r"\1", to_fast_verilog(Native(), "capsule"))
+    tables = ("table_write", "table_read", "table_select", "table_address", "table_data")
+    return clocked_verilog(
+        Capsule(config, gated=True), "capsule",
+        {"sync": "clk", "pixel": "clk", "spot": "spot_clk"}, dict.fromkeys(tables, "spot"))
 
 
 def _library(config):
@@ -145,10 +121,14 @@ class RTLEngine(_Engine):
         Constructor choices of the RTL.
     line_blanking, frame_blanking : :class:`int`
         Pixel clocks without a pixel, after a line and after a frame.
+    full_records : :class:`bool`
+        Let the chip send all it knows of every point; else the reader computes beams and depths,
+        and holds the frame's check against them.
     """
 
-    def __init__(self, settings, config, line_blanking=0, frame_blanking=16):
-        super().__init__(settings)
+    def __init__(self, settings, config, line_blanking=0, frame_blanking=16, full_records=True):
+        super().__init__(settings, config.width, config.height)
+        self.full_records = full_records
         self.config = config
         self.blanking = line_blanking, frame_blanking
         self._library = library = ctypes.CDLL(str(_library(config)))
@@ -171,12 +151,13 @@ class RTLEngine(_Engine):
         return self._library.capsule_clocks(self._handle)
 
     def _load(self, settings):
-        words = list(settings.registers().values())
+        words = [*settings.registers().values(), int(self.full_records)]
         self._library.capsule_configure(self._handle, (ctypes.c_uint32 * len(words))(*words))
         for memory, address, word in settings.table_words():
             parts = (ctypes.c_uint32 * 3)(*(word >> 32 * part & 0xFFFFFFFF for part in range(3)))
             self._library.capsule_write_table(
                 self._handle, memory, ctypes.c_uint32(address), parts)
+        self._library.capsule_swap(self._handle)
 
     def _octets(self, image):
         image = np.ascontiguousarray(image, dtype=np.uint8)

@@ -23,7 +23,7 @@ from amaranth.lib import data
 
 from hdl.config import PRESETS
 from hdl.export import flat_ports, to_verilog
-from model.settings import BEAMS, RADIAL, SHARED
+from hdl.protocol import TABLES
 from scripts.blocks import ROOT, TOP, present
 from scripts.errors import UserError
 
@@ -216,10 +216,10 @@ def write_tables(folder, settings):
     contents = {}
     for memory, address, word in settings.table_words():
         contents.setdefault(memory, {})[address] = word
-    for name, memory in (("shared", SHARED), ("radial", RADIAL), ("beams", BEAMS)):
-        words = contents.get(memory, {})
-        (folder / f"{name}.hex").write_text(
-            f"// table_select {memory}: {len(words)} words, table_address behind the @\n"
+    for table in TABLES:
+        words = contents.get(table.number, {})
+        (folder / f"{table.name}.hex").write_text(
+            f"// table_select {table.number}: {len(words)} words, table_address behind the @\n"
             + "".join(f"@{address:x} {word:x}\n" for address, word in sorted(words.items())))
     lines = ["| Register | Value |", "|---|---:|"]
     lines += [f"| `{name}` | {value} |" for name, value in settings.registers().items()]

@@ -19,7 +19,7 @@ struct Harness {
     std::vector<uint8_t> octets;
 
     void clock(bool spot_side = false) {
-        // Every change of a clock is a rising edge here, see engine.py.
+        // Every change of a clock is a rising edge here, see native.py.
         top.clk ^= 1;
         top.spot_clk ^= top.busy | spot_side;
         top.eval();
@@ -63,20 +63,25 @@ void capsule_configure(Harness* harness, const uint32_t* value) {
     top.principal_v = value[9];
     top.tangential_1 = value[10];
     top.tangential_2 = value[11];
+    top.full_records = value[12];
     top.divisor = 1;
+    top.cts = 1;
 }
 
 // One word of a table; `word` holds 72 bits in three 32-bit parts, low part first.
 void capsule_write_table(Harness* harness, int select, uint32_t address, const uint32_t* word) {
     auto& top = harness->top;
-    top.table_enable = 1;
+    top.table_write = 1;
     top.table_select = select;
     top.table_address = address;
     for (int i = 0; i < 3; ++i) top.table_data[i] = word[i];
     harness->clock(true);
-    top.table_enable = 0;
+    top.table_write = 0;
     harness->clock(true);
 }
+
+// Measures with the tables that were written, and lets the others be written from now on.
+void capsule_swap(Harness* harness) { harness->top.bank ^= 1; }
 
 // Shows one frame at the camera's pins, with blanking after each line and after the frame.
 void capsule_frame(Harness* harness, const uint8_t* grey, size_t height, size_t width,

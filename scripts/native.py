@@ -2,17 +2,64 @@
 
 import fcntl
 import hashlib
+import re
 import shutil
 import subprocess
 from pathlib import Path
 
 from scripts.verilator import verilator_environment
 
-__all__ = ["ROOT", "build"]
+__all__ = ["ROOT", "build", "clocked_verilog"]
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "native"
 _PIC = "-fPIC -fno-semantic-interposition -std=c++17"
+
+
+def clocked_verilog(component, name, clocks, registered=None):
+    """Verilog of ``component`` in which any change of a clock stands for a rising edge.
+
+    So one evaluation makes a clock. No reset is wired: a new library starts from power-up.
+
+    Parameters
+    ----------
+    component : :class:`amaranth.lib.wiring.Component`
+        The design.
+    name : :class:`str`
+        Name of the module.
+    clocks : :class:`dict`
+        The port of each clock domain.
+    registered : :class:`dict`
+        Inputs to put a register in front of, and its domain: that leaves no logic that hangs on
+        the inputs alone, which would be evaluated at every clock.
+    """
+    from amaranth.hdl import ClockDomain, Module, Value
+    from amaranth.lib import wiring
+    from amaranth.lib.wiring import In
+
+    from hdl.export import to_fast_verilog
+
+    class Native(wiring.Component):
+        def __init__(self):
+            super().__init__({**component.signature.members,
+                              **{port: In(1) for port in clocks.values()}})
+
+        def elaborate(self, platform):
+            m = Module()
+            m.submodules.inner = component
+            for domain, port in clocks.items():
+                domain = ClockDomain(domain, local=True)
+                setattr(m.domains, domain.name, domain)
+                m.d.comb += [domain.clk.eq(getattr(self, port)), domain.rst.eq(0)]
+            inner = {path: value for path, _, value in component.signature.flatten(component)}
+            for path, member, value in self.signature.flatten(self):
+                if path in inner:
+                    mine, its = Value.cast(value), Value.cast(inner[path])
+                    domain = (registered or {}).get(path[0], "comb")
+                    m.d[domain] += its.eq(mine) if member.flow == In else mine.eq(its)
+            return m
+
+    return re.sub(r"\bposedge (\w*clk)\b", r"\1", to_fast_verilog(Native(), name))
 
 
 def build(name, key, verilog, harness, optimise=True):

@@ -64,6 +64,8 @@ def _notes(image, frame, points):
         notes.append(f"{many(frame.lost, 'packet')} lost on the link")
     elif not frame.balanced:
         notes.append("its counts do not add up")
+    if frame.verified is False:
+        notes.append("its check fails: other tables in the chip, or a fault in its depth unit")
     if frame.bad_sync or frame.overrun:
         notes.append(f"camera: {many(frame.bad_sync, 'bad sync')}, "
                      f"{many(frame.overrun, 'overrun')} so far")

@@ -112,12 +112,16 @@ module rig #(
     reg [17:0] tangential_1 = 0;
     reg [17:0] tangential_2 = 0;
     reg [15:0] divisor = 1;
-    reg table_enable = 0;
+    reg full_records = 1;
+    reg bank = 0;
+    reg table_write = 0;
     reg [1:0] table_select = 0;
     reg [9:0] table_address = 0;
     reg [71:0] table_data = 0;
     wire tx;
 
+    // The sequencer's signals and the counters are not looked at here.
+    /* verilator lint_off PINMISSING */
     capsule capsule (
         .clk(clk), .rst(rst), .pixel_clk(clk), .pixel_rst(rst), .busy(busy),
 `ifdef GATED
@@ -128,7 +132,10 @@ module rig #(
         .erosion_mode(erosion_mode), .weighted(weighted), .area_min(area_min),
         .area_max(area_max), .report_rejected(report_rejected), .principal_u(principal_u),
         .principal_v(principal_v), .tangential_1(tangential_1), .tangential_2(tangential_2),
-        .divisor(divisor), .table_enable(table_enable), .table_select(table_select),
+        .divisor(divisor), .full_records(full_records), .texture_enable(1'b0), .cts(1'b1),
+        .tag(0), .tripped(1'b0), .tables_valid(1'b1), .reply_valid(1'b0), .reply_payload(0),
+        .table_write(table_write), .table_read(1'b0), .bank(bank),
+        .table_select(table_select),
         .table_address(table_address), .table_data(table_data)
     );
 

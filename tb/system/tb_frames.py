@@ -6,7 +6,7 @@ import time
 import cocotb
 from cocotb.triggers import ClockCycles, RisingEdge, ValueChange
 
-from scripts.decoder import Decoder
+from scripts.link import Decoder
 from tb.harness import parameters
 
 
@@ -30,12 +30,13 @@ class Rig:
         dut.rst.value = 0
         await ClockCycles(dut.clk, 4)
         for memory, address, word in settings.table_words():
-            dut.table_enable.value = 1
+            dut.table_write.value = 1
             dut.table_select.value = memory
             dut.table_address.value = address
             dut.table_data.value = word
             await RisingEdge(dut.clk)
-        dut.table_enable.value = 0
+        dut.table_write.value = 0
+        dut.bank.value = 1
         cocotb.start_soon(self._listen())
 
     async def _listen(self):

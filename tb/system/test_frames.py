@@ -8,9 +8,11 @@ import pytest
 
 from hdl.config import Config
 from model.capsule import Capsule as Model
-from model.link.packet import encode
-from scripts.decoder import Decoder
+from model.link.framer import frame as framed
+from model.link.points import packets
 from scripts.engine import RTLEngine
+from scripts.link import Decoder
+from scripts.rebuild import Rebuilder
 from tb.system import endoscope
 from tb.system.stimuli import any_settings, directed_frames, random_frame, spot_frame
 
@@ -20,18 +22,19 @@ CIF = Config(lanes=2)
 MODES = list(product(("off", "erode", "gate"), (False, True)))
 
 
-def expected(settings, config, images):
+def expected(settings, config, images, full_records=True):
     """What the reader gets of ``images``, as the model says it."""
-    model, octets, sequence = Model(settings, config.width, config.height), b"", 0
+    model, sequence = Model(settings, config.width, config.height), 0
+    decoder, frames = Decoder(Rebuilder(settings, config.width, config.height)), []
     for image in images:
-        some, sequence = encode(model.frame(image), sequence)
-        octets += some
-    return list(Decoder().feed(octets))
+        octets, sequence = framed(packets(model.frame(image), full_records), sequence)
+        frames += decoder.feed(b"".join(octets))
+    return frames + decoder.finish()
 
 
-def shown(settings, config, images, **blanking):
+def shown(settings, config, images, full_records=True, **blanking):
     """The same from the RTL, the learning frame included."""
-    engine = RTLEngine(settings, config, **blanking)
+    engine = RTLEngine(settings, config, full_records=full_records, **blanking)
     frames = []
     for image in images:
         frames += engine._show(image, discard=False)
@@ -43,7 +46,7 @@ def assert_same(got, wanted, names=None):
     for index, (mine, other) in enumerate(zip(got, wanted, strict=True)):
         name = names[index] if names else index
         for field in ("number", "level", "learning", "broken", "spots", "ok", "noise",
-                      "ambiguous", "rejected", "dropped"):
+                      "ambiguous", "rejected", "dropped", "check", "verified"):
             assert getattr(mine, field) == getattr(other, field), f"frame {name}: {field}"
         assert np.array_equal(mine.points, other.points), f"frame {name}: points"
 
@@ -95,6 +98,20 @@ def test_frames_352(erosion, weighted):
     images = [spot_frame(352, 288, 70 + n, spots=60) for n in range(3)]
     images.append(random_frame(352, 288, 3))
     assert_same(shown(settings, CIF, images), expected(settings, CIF, images))
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_compact_points_carry_the_same(seed):
+    """The reader's beams and depths are the chip's: every frame's check says so."""
+    settings = any_settings(352, 288, CIF.beams, seed, area_min=3, report_rejected=False)
+    images = [spot_frame(352, 288, 10 * seed + n, spots=60) for n in range(4)]
+    got = shown(settings, CIF, images, full_records=False, frame_blanking=50_000)
+    assert_same(got, expected(settings, CIF, images, full_records=False))
+    assert all(frame.verified for frame in got[1:]) and sum(frame.ok for frame in got) > 20
+    full = expected(settings, CIF, images)
+    for frame, other in zip(got, full, strict=True):
+        ok, others = (f.points[f.points["status"] == 0] for f in (frame, other))
+        assert np.array_equal(ok, others)
 
 
 @pytest.mark.parametrize("erosion", ["erode", "gate"])

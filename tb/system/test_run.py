@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 import pytest
 
+from hdl.protocol import Flag
 from scripts import accuracy, cli, demo, frames, native, outputs, run
-from scripts.decoder import Frame
+from scripts.link import Frame
 from scripts.points import POINT, STATUS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -188,12 +189,14 @@ def test_frames_without_spots_run(grey, note, prepared, tmp_path):
 
 @pytest.mark.parametrize("fields, beams, words", [
     ({}, [1, 2], ()), ({}, [3, 1, 3, 0, 0], ("more than one spot for beam 0 3",)),
-    ({"learning": True, "spots": 0}, [], ("learning: no threshold yet", "no spot")),
-    ({"broken": True, "skipped": 2}, [1],
+    ({"flags": 1 << Flag.LEARNING, "spots": 0}, [], ("learning: no threshold yet", "no spot")),
+    ({"flags": 1 << Flag.BROKEN, "skipped": 2}, [1],
      ("broken: synchronism lost", "2 frames lost before it")),
     ({"spots": 5, "dropped": 3, "ok": 1, "rejected": 1}, [1],
      ("3 spots dropped, no room", "1 rejected spot without a row")),
     ({"lost": 1}, [1], ("1 packet lost on the link",)),
+    ({"verified": False}, [1],
+     ("its check fails: other tables in the chip, or a fault in its depth unit",)),
     ({"spots": 7}, [1], ("its counts do not add up",)),
     ({"bad_sync": 1, "overrun": 2}, [1], ("camera: 1 bad sync, 2 overruns so far",))])
 def test_nothing_is_silent(fields, beams, words):

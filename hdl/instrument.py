@@ -1,0 +1,163 @@
+"""The whole instrument: imager, laser and serial line."""
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.cdc import FFSynchronizer
+from amaranth.lib.wiring import In, Out, connect
+
+from .acquisition.laser_guard import LaserGuard
+from .acquisition.sequencer import Sequencer
+from .capsule import REGISTERS, TABLE_PORT, Capsule
+from .config import Config
+from .link.commands import Commands
+from .link.receiver import Receiver
+from .link.uart_rx import UARTReceiver
+
+__all__ = ["Instrument"]
+
+
+class Instrument(wiring.Component):
+    """Exposes an imager, lights the laser, measures, sends; all as the host tells.
+
+    The host loads tables and registers over ``rx`` and starts the sequencer, which takes pattern
+    and texture frames in turn. What measures them is :class:`.capsule.Capsule` or
+    :class:`.paper.Paper`, as the preset says. Registers and tables that the host changed are
+    handed over together, as a pattern frame begins at whose start no spot is under way; at once
+    while the sequencer stands still.
+
+    Parameters
+    ----------
+    config : :class:`hdl.config.Config`
+        Constructor choices.
+    gated : :class:`bool`
+        Make the clock of the spot side a port, see :class:`.capsule.Capsule`.
+
+    Members
+    -------
+    sensor_reset, sensor_integrate, sensor_read : :py:`Out(1)`
+        To the imager: all pixels dark; the global shutter is open; send the frame.
+    laser : :py:`Out(1)`
+        To an AC-coupled laser driver: changes with every clock for light.
+    frame_valid, line_valid, data : :py:`In(1)`, :py:`In(1)`, :py:`In(8)`
+        From the imager, sampled at each rising edge in the domain ``pixel``.
+    rx, tx : :py:`In(1)`, :py:`Out(1)`
+        Serial line, 8N1.
+    cts : :py:`In(1)`
+        High while the radio takes octets.
+    busy : :py:`Out(1)`
+        The spot side needs its clock.
+    """
+
+    def __init__(self, config, gated=False):
+        if not isinstance(config, Config):
+            raise TypeError(f"The configuration must be a Config, not {config!r}")
+        self.config = config
+        self.gated = gated
+        super().__init__({
+            "sensor_reset": Out(1),
+            "sensor_integrate": Out(1),
+            "sensor_read": Out(1),
+            "laser": Out(1),
+            "frame_valid": In(1),
+            "line_valid": In(1),
+            "data": In(8),
+            "rx": In(1, init=1),
+            "tx": Out(1, init=1),
+            "cts": In(1),
+            "busy": Out(1),
+        })
+
+    def elaborate(self, platform):
+        m = Module()
+        config = self.config
+
+        # Pins that know no clock of ours.
+        cts, sending = Signal(), Signal()
+        m.submodules.cts_synchronizer = FFSynchronizer(self.cts, cts)
+        m.submodules.sending_synchronizer = FFSynchronizer(self.frame_valid, sending)
+
+        # The host's commands.
+        m.submodules.uart_rx = uart_rx = UARTReceiver()
+        m.submodules.receiver = receiver = Receiver()
+        m.submodules.commands = commands = Commands(
+            config.width, config.height, config.beams, config.lanes, config.preset,
+            config.clock_hz)
+        connect(m, uart_rx.o, receiver.i)
+        connect(m, receiver.o, commands.i)
+        m.d.comb += [
+            uart_rx.rx.eq(self.rx),
+            uart_rx.divisor.eq(commands.divisor),
+            receiver.address.eq(commands.address),
+            receiver.write_enable.eq(commands.write_enable),
+            receiver.write_data.eq(commands.write_data),
+            commands.data.eq(receiver.data),
+            commands.damaged.eq(receiver.damaged),
+            commands.framing.eq(uart_rx.framing),
+        ]
+
+        # Exposure, and the last word on the laser.
+        m.submodules.sequencer = sequencer = Sequencer(config.clock_hz)
+        m.submodules.laser_guard = guard = LaserGuard(config.clock_hz)
+        for name in ("mode", "period_us", "pattern_reset_us", "pattern_us", "texture_reset_us",
+                     "texture_us"):
+            m.d.comb += getattr(sequencer, name).eq(getattr(commands, name))
+        m.d.comb += [
+            sequencer.sending.eq(sending),
+            sequencer.laser_armed.eq(guard.armed),
+            sequencer.lit.eq(guard.lit),
+            sequencer.capture.eq(commands.capture),
+            self.sensor_reset.eq(sequencer.sensor_reset),
+            self.sensor_integrate.eq(sequencer.sensor_integrate),
+            self.sensor_read.eq(sequencer.sensor_read),
+            guard.request.eq(sequencer.laser_request),
+            guard.tables_valid.eq(commands.tables_valid),
+            guard.capture.eq(commands.capture),
+            guard.heartbeat.eq(sequencer.heartbeat),
+            guard.clear.eq(commands.clear),
+            self.laser.eq(guard.laser),
+        ]
+
+        # Pixels to points, and everything to the reader.
+        m.submodules.measure = measure = Capsule(config, self.gated)
+        connect(m, commands.o, measure.reply)
+        for name in REGISTERS:
+            m.d.comb += getattr(measure, name).eq(getattr(commands, name))
+        for name, member in TABLE_PORT.items():
+            mine, its = getattr(commands, name), getattr(measure, name)
+            m.d.comb += its.eq(mine) if member.flow == In else mine.eq(its)
+        m.d.comb += [
+            measure.frame_valid.eq(self.frame_valid),
+            measure.line_valid.eq(self.line_valid),
+            measure.data.eq(self.data),
+            measure.tag.eq(sequencer.tag),
+            measure.tripped.eq(guard.causes.any()),
+            measure.tables_valid.eq(commands.tables_valid),
+            measure.cts.eq(cts),
+            self.tx.eq(measure.tx),
+            self.busy.eq(measure.busy),
+            sequencer.frame_begun.eq(measure.frame_begun),
+            sequencer.frame_ended.eq(measure.frame_ended),
+            sequencer.frame_broken.eq(measure.frame_broken),
+        ]
+
+        # What was written acts together. A single pair is over when the sequencer comes to rest.
+        running = Signal()
+        m.d.sync += running.eq(sequencer.running)
+        m.d.comb += [
+            commands.table_ready.eq(measure.idle),
+            commands.apply.eq(sequencer.pattern_start & measure.idle),
+            commands.idle.eq(~sequencer.running & measure.idle & ~measure.sending),
+            commands.single_done.eq(running & ~sequencer.running),
+        ]
+
+        # What STATUS tells.
+        m.d.comb += [
+            commands.laser_armed.eq(guard.armed),
+            commands.sensor_silent.eq(sequencer.silent),
+            commands.guard_causes.eq(guard.causes),
+            commands.pairs.eq(sequencer.pairs),
+            commands.timeouts.eq(sequencer.timeouts),
+            *(getattr(commands, name).eq(getattr(measure, name))
+              for name in ("bad_sync", "overrun", "skipped", "packets")),
+        ]
+        return m

@@ -27,10 +27,11 @@ class Sequencer(wiring.Component):
 
     Light must be earned. ``heartbeat`` changes with each frame that came whole, and nothing else
     changes it, so it stops with the imager as well as with this block. The laser is asked for only
-    while ``laser_armed`` is high as a pattern frame begins. So the first patterns after a start
-    are dark, in their usual places, until the laser guard has seen heartbeats enough; mode
-    ``SINGLE`` takes as many dark patterns as that needs, without a pause, before its pair, but for
-    no longer than ``warm_up_us``. The tag tells what was lit, not what was asked for.
+    if ``laser_armed`` is high as a pattern frame begins. If it is not, that pattern is dark and
+    another one follows at once, so that the laser guard has its heartbeats soon. This goes on for
+    ``warm_up_us`` at most since the schedule began, the laser was asked for or a frame was not
+    whole; then dark pairs take their usual course. The tag tells what was lit, not what was asked
+    for.
 
     The mode and all times may change whenever they like. They are taken over for a frame in the
     clock after its ``frame_start``, so that what changes with that pulse still counts. ``STOP``
@@ -45,7 +46,7 @@ class Sequencer(wiring.Component):
     begin_us, frame_us : :class:`int`
         How long a frame may take until it begins, and until it is over.
     warm_up_us : :class:`int`
-        How long mode ``SINGLE`` waits for the laser.
+        How long dark patterns are repeated.
 
     Members
     -------
@@ -148,7 +149,7 @@ class Sequencer(wiring.Component):
         m.d.sync += prescaler.eq(Mux(tick, 0, prescaler + 1))
         remaining = Signal(16)  # microseconds to the next pair
         waited = Signal(range(self.frame_us + 1))  # microseconds since the integration
-        warm = Signal(range(self.warm_up_us + 1))  # microseconds since the schedule began
+        warm = Signal(range(self.warm_up_us + 1))  # microseconds since there was a reason to wait
         with m.If(tick):
             m.d.sync += [
                 self.timestamp_us.eq(self.timestamp_us + 1),
@@ -160,12 +161,11 @@ class Sequencer(wiring.Component):
         # What the frame begins with.
         texture = Signal()
         taken = Signal(2)  # mode
-        dark = Signal()  # a pattern for the heartbeat alone
-        wish = Signal()  # mode SINGLE has still to take its pair
+        dark = Signal()  # this pattern is for the heartbeat alone
+        wish = Signal(init=1)  # mode SINGLE has still to take its pair
         warming, stopped = Signal(), Signal()
         m.d.comb += [
-            warming.eq(~texture & (self.mode == Mode.SINGLE) & ~self.laser_armed
-                       & (warm != self.warm_up_us)),
+            warming.eq(~texture & ~self.laser_armed & (warm != self.warm_up_us)),
             stopped.eq((self.mode == Mode.STOP) | (self.mode == Mode.SINGLE) & ~wish & ~texture),
             exposure.reset_us.eq(Mux(texture, self.texture_reset_us, self.pattern_reset_us)),
             exposure.exposure_us.eq(Mux(texture, self.texture_us, self.pattern_us)),
@@ -206,6 +206,8 @@ class Sequencer(wiring.Component):
                             remaining.eq(self.period_us), self.pairs.eq(self.pairs + 1),
                             wish.eq(wish & warming),
                         ]
+                        with m.If(self.laser_armed):
+                            m.d.sync += warm.eq(0)
                     m.next = "EXPOSE"
             with m.State("EXPOSE"):
                 m.d.sync += [begun.eq(0), over.eq(0), waited.eq(0)]
@@ -220,6 +222,8 @@ class Sequencer(wiring.Component):
                         self.silent.eq(1),
                         self.timeouts.eq(self.timeouts + ~self.timeouts.all()),
                     ]
+                with m.If(missing | ends & ~whole):
+                    m.d.sync += warm.eq(0)
                 with m.If(missing | over & ~exposure.busy & (~self.sending | too_long)):
                     m.next = "NEXT"
             with m.State("NEXT"):

@@ -131,7 +131,7 @@ class Schedule:
             if clock >= until:
                 return clock
         self.running.append([clock + 1, None])
-        begin, texture, first = clock + 1, False, clock + 1
+        begin, texture, self.warm = clock + 1, False, clock + 1
         while begin < until:
             self.starts.append((begin, texture))
             take = begin + 1
@@ -144,8 +144,10 @@ class Schedule:
                 wait = take + 1
             else:
                 if not texture:
-                    dark = (values.mode == SINGLE and not self.armed(take)
-                            and self._ticks(first, take - 1) < self.warm_up_us)
+                    if self.armed(take):
+                        self.warm = take + 1
+                    dark = (not self.armed(take)
+                            and self._ticks(self.warm, take - 1) < self.warm_up_us)
                     pair, period_us = take + 1, values.period_us
                     self.wished = take
                     if not dark:
@@ -191,5 +193,7 @@ class Schedule:
             frame.outcome = "whole" if readout.whole else "broken"
             frame.over = max(readout.over + 1, frame.pins["done"],
                              min(readout.quiet, max(too_long, readout.over + 1)))
+        if frame.outcome != "whole":
+            self.warm = 1 + (frame.over if frame.outcome == "missing" else readout.over)
         self.frames.append(frame)
         return frame.over

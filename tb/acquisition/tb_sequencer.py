@@ -3,7 +3,7 @@
 import cocotb
 import numpy as np
 from cocotb.simtime import get_sim_time
-from cocotb.triggers import ClockCycles, FallingEdge, ReadOnly, RisingEdge
+from cocotb.triggers import ClockCycles, FallingEdge, ReadOnly, RisingEdge, Timer
 
 from model.acquisition.sequencer import (
     CONTINUOUS,
@@ -61,10 +61,16 @@ class SequencerBench(Bench):
         for task in (self._host(), self._guard(), self._repeat()):
             cocotb.start_soon(task)
 
+    async def _count(self):
+        """Nobody needs it, and it takes longer than all the rest."""
+
     async def until(self, clock):
         """Within the clock, early enough to set inputs."""
-        if clock > self.now:
-            await ClockCycles(self.dut.clk, clock - self.now)
+        clocks = clock - self.now
+        if clocks > 1:
+            await Timer(10 * clocks - 5, unit="ns")
+        if clocks > 0:
+            await RisingEdge(self.dut.clk)
 
     async def _pin(self, name):
         signal = getattr(self.dut, name)
@@ -280,8 +286,8 @@ async def limits(dut, times):
     clocks = parameters()["clocks"]
     bench = SequencerBench(dut, [frame()], [(0, Registers(CONTINUOUS, *times))])
     await bench.begin()
-    schedule = await bench.check((2 * max(times[0], sum(times[1:])) + 200) * clocks)
-    assert len(schedule.frames) >= 4
+    schedule = await bench.check((max(times[0], sum(times[1:])) + 200) * clocks)
+    assert len(schedule.frames) >= 3
     assert bool(schedule.late) == (times[0] <= sum(times[1:]))
 
 

@@ -58,10 +58,12 @@ class SRAMChip(wiring.Component):
         m.domains += ClockDomain("falling", clk_edge="neg", reset_less=True, local=True)
         m.d.comb += ClockSignal("falling").eq(ClockSignal())
         size = 1 << self.address_bits
-        m.submodules.words = words = Memory(shape=data.ArrayLayout(8, 4), depth=size, init=[])
-        m.submodules.known = known = Memory(shape=data.ArrayLayout(1, 4), depth=size, init=[])
-        reads = words.read_port(domain="comb"), known.read_port(domain="comb")
-        writes = words.write_port(granularity=1), known.write_port(granularity=1)
+        # The ninth bit of a byte tells that it was written.
+        Byte = data.StructLayout({"data": 8, "known": 1})
+        m.submodules.words = words = Memory(
+            shape=data.ArrayLayout(Byte, 4), depth=size, init=[])
+        read = words.read_port(domain="comb")
+        write = words.write_port(granularity=1)
 
         Half = data.StructLayout({
             "address": 19, "lanes_n": 4, "data": 32, "drive": 1, "write": 1, "select": 1, "show": 1,
@@ -99,24 +101,25 @@ class SRAMChip(wiring.Component):
             ]
             faults.append(fault)
             with m.If(end):
-                for port in writes:
-                    m.d.comb += [port.addr.eq(old.address), port.en.eq(~old.lanes_n)]
-                m.d.comb += [
-                    writes[0].data.eq(old.data),
-                    writes[1].data.eq(0b1111),
-                ]
+                m.d.comb += [write.addr.eq(old.address), write.en.eq(~old.lanes_n)]
+                for lane in range(4):
+                    m.d.comb += [
+                        write.data[lane].data.eq(old.data.word_select(lane, 8)),
+                        write.data[lane].known.eq(1),
+                    ]
                 m.d.sync += self.writes.eq(self.writes + 1)
 
-        for port in reads:
-            m.d.comb += port.addr.eq(pins.address)
-        m.d.comb += pins.data_in.eq(_GARBAGE)
+        missing = Signal(4)
+        m.d.comb += [read.addr.eq(pins.address), pins.data_in.eq(_GARBAGE)]
         with m.If(second.show):
             for lane in range(4):
-                with m.If(~second.lanes_n[lane] & reads[1].data[lane]):
-                    m.d.comb += pins.data_in.word_select(lane, 8).eq(reads[0].data[lane])
+                byte = read.data[lane]
+                m.d.comb += missing[lane].eq(~second.lanes_n[lane] & ~byte.known)
+                with m.If(~second.lanes_n[lane] & byte.known):
+                    m.d.comb += pins.data_in.word_select(lane, 8).eq(byte.data)
             m.d.sync += self.reads.eq(self.reads + 1)
-            with m.If((~second.lanes_n & ~reads[1].data.as_value()).any() & ~self.unwritten.all()):
-                m.d.sync += self.unwritten.eq(self.unwritten + 1)
+        with m.If((missing != 0) & ~self.unwritten.all()):
+            m.d.sync += self.unwritten.eq(self.unwritten + 1)
         with m.If((faults[0] | faults[1]) & (self.violations < 0xFFFE)):
             m.d.sync += self.violations.eq(self.violations + faults[0] + faults[1])
 

@@ -19,6 +19,8 @@ class Config:
         :class:`hdl.paper.Paper`.
     clock_hz : :class:`int`
         System clock; whole megahertz, since one prescaler counts the microseconds.
+    baud : :class:`int`
+        Rate of the serial line out of reset, bits per second; the host may change it.
     width, height : :class:`int`
         Sensor size in pixels, 16 to 512 each.
     beams : :class:`int`
@@ -39,6 +41,7 @@ class Config:
 
     preset: str = "capsule"
     clock_hz: int = 16_000_000
+    baud: int = 115_200
     width: int = 352
     height: int = 288
     beams: int = 49
@@ -53,6 +56,7 @@ class Config:
         for name, low, high in [
             ("width", 16, 512), ("height", 16, 512), ("beams", 1, 128), ("lanes", 1, self.beams),
             ("spot_depth", 8, 512), ("labels", 1, 32767), ("clock_hz", 1_000_000, 65_000_000),
+            ("baud", 1200, self.clock_hz // 2),
         ]:
             value = getattr(self, name)
             if not isinstance(value, int) or not low <= value <= high:

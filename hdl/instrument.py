@@ -81,7 +81,7 @@ class Instrument(wiring.Component):
         m.submodules.receiver = receiver = Receiver()
         m.submodules.commands = commands = Commands(
             config.width, config.height, config.beams, config.lanes, config.preset,
-            config.clock_hz)
+            config.clock_hz, config.baud)
         connect(m, uart_rx.o, receiver.i)
         connect(m, receiver.o, commands.i)
         m.d.comb += [

@@ -58,7 +58,7 @@ class Block:
         choices = {
             "config": config, "width": config.width, "height": config.height,
             "beams": config.beams, "lanes": config.lanes, "spot_depth": config.spot_depth,
-            "clock_hz": config.clock_hz, "preset": config.preset,
+            "clock_hz": config.clock_hz, "baud": config.baud, "preset": config.preset,
         }
         if self.name == "spot_queue":
             choices["depth"] = config.spot_depth

@@ -43,11 +43,9 @@ class Instrument:
         Clock of the imager, at most that of the system.
     line_blanking : :class:`int`
         Pixel clocks without a pixel after a line.
-    baud : :class:`int`
-        Of the serial line.
     """
 
-    def __init__(self, config, picture, pixel_hz=8_000_000, line_blanking=0, baud=115_200):
+    def __init__(self, config, picture, pixel_hz=8_000_000, line_blanking=0):
         self.config = config
         self._failed = None
         self._library = library = ctypes.CDLL(str(_library(config)))
@@ -72,7 +70,7 @@ class Instrument:
         self._handle = ctypes.c_void_p(library.instrument_new(
             *map(ctypes.c_size_t, (config.width, config.height, line_blanking)),
             ctypes.c_uint64(pixel_hz), ctypes.c_uint64(config.clock_hz),
-            ctypes.c_uint32(round(config.clock_hz / baud)), self._picture))
+            ctypes.c_uint32(round(config.clock_hz / config.baud)), self._picture))
         self._octets = ctypes.create_string_buffer(_ROOM)
         self._stamps = (ctypes.c_uint64 * _ROOM)()
         #: Clock of the start bit of each octet that :meth:`receive` gave last.

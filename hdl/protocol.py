@@ -128,13 +128,13 @@ class Command(IntEnum):
 class Reason(IntEnum):
     """Third octet of a reply."""
 
-    OK = 0
-    UNKNOWN_COMMAND = 1
-    WRONG_LENGTH = 2
-    UNKNOWN_REGISTER = 3
+    OK = 0  # carried out
+    UNKNOWN_COMMAND = 1  # no command has this code
+    WRONG_LENGTH = 2  # more or fewer octets than the command takes
+    UNKNOWN_REGISTER = 3  # no register has this address
     OUT_OF_RANGE = 4  # value, address or number
     OTHER_SENSOR = 5  # BEGIN with another size, number of beams or version
-    UNKNOWN_TABLE = 6
+    UNKNOWN_TABLE = 6  # no table has this number
     BUSY = 7  # a committed set waits for its frame, or the spots of a frame hold the tables
     NO_BEGIN = 8  # TABLE or COMMIT without BEGIN
     DAMAGED_TABLE = 9  # COMMIT: what the memory holds has another CRC
@@ -145,7 +145,7 @@ class Reason(IntEnum):
 class Mode(IntEnum):
     """Values of the register ``mode``."""
 
-    STOP = 0
+    STOP = 0  # no frames, laser off
     CONTINUOUS = 1  # pattern, texture, pattern, ...
     SINGLE = 2  # one pair, then stop
     PATTERN = 3  # pattern frames only

@@ -1,6 +1,6 @@
-"""``make bench``: speed, accuracy, latency, noise and size, each measured now.
+"""``make bench``: speed, accuracy, latency, noise, size and the link, each measured now.
 
-``python -m scripts.bench speed|accuracy|latency|noise|size`` prints one part.
+``python -m scripts.bench speed|accuracy|latency|noise|size|link`` prints one part.
 """
 
 import sys
@@ -139,7 +139,27 @@ def size(console):
     sizes.main([])
 
 
-PARTS = {part.__name__: part for part in (speed, accuracy, latency, noise, size)}
+def link(console):
+    """What the serial line carries: points of simulated frames, and texture in what they leave."""
+    from scripts import budget
+    frames = [frame for frame in budget.realistic_frames(_SEEDS)
+              if np.count_nonzero(frame.points["status"] == 0) == 49]
+    octets = np.array([budget.points_octets(frame) for frame in frames])
+    pair = budget.octets_per_pair()
+    table = _table(f"Octet times of a frame of 49 ok points, pauses included, of the {pair:.1f} of "
+                   f"a pair at {budget.BAUD:,} baud", "", "octets", "of the line", "limit")
+    for name, value in (("least", octets.min()), ("mean", octets.mean()), ("most", octets.max())):
+        table.add_row(f"{name} of {len(frames)} frames", f"{value:.1f}",
+                      f"{100 * value / pair:.1f} %", "299" if name == "most" else "")
+    console.print(table)
+    table = _table("Time to send a whole texture of 352 x 288", "beside", "s")
+    for name, frame in (("49 ok points, the longest frame", frames[int(octets.argmax())]),
+                        ("nothing", None)):
+        table.add_row(name, f"{budget.refresh_seconds(frame):.1f}")
+    console.print(table)
+
+
+PARTS = {part.__name__: part for part in (speed, accuracy, latency, noise, size, link)}
 
 
 def main(arguments=None):

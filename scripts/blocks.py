@@ -59,6 +59,7 @@ class Block:
             "config": config, "width": config.width, "height": config.height,
             "beams": config.beams, "lanes": config.lanes, "spot_depth": config.spot_depth,
             "clock_hz": config.clock_hz, "baud": config.baud, "preset": config.preset,
+            "labels": config.labels,
         }
         if self.name == "spot_queue":
             choices["depth"] = config.spot_depth
@@ -76,7 +77,8 @@ class Block:
 BLOCKS = tuple(Block(name, unit) for unit, names in {
     "acquisition": "sequencer exposure laser_guard camera frame_gate image_bank "
                    "frame_banks frame_memory",
-    "preprocessing": "histogram threshold remap binarise erosion labelling spot_queue centre",
+    "preprocessing": "histogram threshold remap binarise erosion labelling two_pass_labelling "
+                     "spot_queue centre",
     "stereo": "undistort recentre epipolar depth",
     "link": "points texture scheduler framer uart_tx transmitter uart_rx receiver registers "
             "commands",

@@ -270,8 +270,11 @@ def surface(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray]:
     return (rays * distance[:, None]).reshape(directions.shape), directions
 
 
-def texture_frame(rig: Rig, scene, rng: np.random.Generator) -> np.ndarray:
-    """What the sensor sees without laser, long exposed and lit from beside the camera (uint8)."""
+def texture_levels(rig: Rig, scene, rng: np.random.Generator) -> np.ndarray:
+    """What the sensor sees without laser, long exposed and lit from beside the camera.
+
+    In levels (float64), without noise.
+    """
     camera = rig.camera
     points, directions = surface(rig, scene)
     known = ~np.isnan(points[..., 0])
@@ -290,7 +293,12 @@ def texture_frame(rig: Rig, scene, rng: np.random.Generator) -> np.ndarray:
     bright = cv2.resize(bright, (2 * bright.shape[1], 2 * bright.shape[0]),
                         interpolation=cv2.INTER_LINEAR)[:camera.height, :camera.width]
     # Long exposures are gently limited, as an imager's knee does.
-    return expose(rig, 250 * (1 - np.exp(-bright / 170)) * vignette(rig), rng)
+    return 250 * (1 - np.exp(-bright / 170)) * vignette(rig)
+
+
+def texture_frame(rig: Rig, scene, rng: np.random.Generator) -> np.ndarray:
+    """A texture frame (uint8, height x width)."""
+    return expose(rig, texture_levels(rig, scene, rng), rng)
 
 
 @lru_cache(maxsize=2)

@@ -13,6 +13,8 @@ __all__ = ["ROOT", "build", "clocked_verilog"]
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "native"
+#: Memories that begin as zero, a line for each word: Verilator clears what has no value anyway.
+_ZERO = re.compile(r"^  initial begin\n(?:    \S+ ?\[\d+\] = \d+'h0+;\n)+  end\n", re.MULTILINE)
 _PIC = "-fPIC -fno-semantic-interposition -std=c++17"
 
 
@@ -94,7 +96,7 @@ def build(name, key, verilog, harness, optimise=True):
         if not library.exists():
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir()
-            (folder / f"{name}.v").write_text(verilog())
+            (folder / f"{name}.v").write_text(_ZERO.sub("", verilog()))
             (folder / "harness.cpp").write_text(harness)
             _compile(folder, name, optimise).rename(library)
     return library

@@ -188,16 +188,19 @@ class NativeBlock:
     ----------
     component : :class:`amaranth.lib.wiring.Component`
         Exported as :func:`hdl.export.to_verilog` does. Only the clock ``clk`` is driven.
+    device : tuple of three :class:`str` or None
+        C++ of what is on the block's pins: its definition, its declaration, and what it does with
+        ``top`` in each half clock.
 
     Every new object starts from power-up; :meth:`reset` it where that matters.
     """
 
-    def __init__(self, component):
+    def __init__(self, component, device=None):
         self._ports = {name: (index, len(value), direction) for index, (name, (value, direction))
                        in enumerate(flat_ports(component).items())}
         self._in_words = -(-self._ports["i_payload"][1] // 32)
         self._out_words = -(-self._ports["o_payload"][1] // 32)
-        self._library = library = ctypes.CDLL(str(self._build(component)))
+        self._library = library = ctypes.CDLL(str(self._build(component, device)))
         library.block_new.restype = ctypes.c_void_p
         library.block_clocks.restype = ctypes.c_uint64
         library.block_stream.restype = ctypes.c_int64
@@ -208,7 +211,7 @@ class NativeBlock:
             self._library.block_free(self._handle)
             self._handle = None
 
-    def _build(self, component):
+    def _build(self, component, device):
         setters, getters = [], []
         for name, (index, _, direction) in self._ports.items():
             cases, call = (setters, "put") if direction == "i" else (getters, "get")
@@ -216,6 +219,11 @@ class NativeBlock:
         harness = (f"#define IN_WORDS {self._in_words}\n#define OUT_WORDS {self._out_words}\n"
                    f"#define SETTERS {' '.join(setters)}\n#define GETTERS {' '.join(getters)}\n"
                    + _HARNESS)
+        if device is not None:
+            definition, declaration, half_clock = device
+            harness = definition + harness.replace(
+                "uint64_t clocks", f"{declaration}\n    uint64_t clocks", 1).replace(
+                "top.eval();", f"top.eval(); {half_clock}")
         verilog = to_verilog(component, "block_under_test")
         return build("block_under_test", verilog, lambda: verilog, harness, optimise=False)
 

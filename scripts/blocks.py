@@ -14,7 +14,7 @@ __all__ = ["BLOCKS", "ROOT", "TOP", "UNITS", "Block", "find", "present"]
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Folders of ``hdl/``, in the order in which data flows.
-UNITS = ("acquisition", "preprocessing", "stereo", "link", "common")
+UNITS = ("acquisition", "preprocessing", "stereo", "link", "display", "common")
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,7 @@ BLOCKS = tuple(Block(name, unit) for unit, names in {
     "stereo": "undistort recentre epipolar depth",
     "link": "points texture scheduler framer uart_tx transmitter uart_rx receiver registers "
             "commands",
+    "display": "marks vga",
     "common": "table_memory stage point_fifo sram",
 }.items() for name in names.split())
 #: The whole design.

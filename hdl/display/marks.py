@@ -147,7 +147,7 @@ class Marks(wiring.Component):
             self.list_number.eq(banks.frame.number),
         ]
         row = Signal(range(self.height))
-        marks = Signal(range(MARKS + 1))  # to be drawn
+        total = Signal(range(MARKS + 1))  # marks of the row
         place = Signal(range(max(self.width, MARKS + 1)))
         wiping = Signal()
         drawing = Signal()
@@ -158,17 +158,17 @@ class Marks(wiring.Component):
         with m.If(self.prepare):
             m.d.display += [
                 row.eq(self.prepare_row), place.eq(0), wiping.eq(1), drawing.eq(0),
-                marks.eq(Mux(self.enable & banks.held, banks.frame.count, 0)),
+                total.eq(Mux(self.enable & banks.held, banks.frame.count, 0)),
             ]
         with m.Elif(wiping):
             m.d.display += place.eq(place + 1)
             with m.If(place == self.width - 1):
-                m.d.display += [place.eq(0), wiping.eq(0), drawing.eq(marks != 0), second.eq(0)]
+                m.d.display += [place.eq(0), wiping.eq(0), drawing.eq(total != 0), second.eq(0)]
         with m.Elif(drawing):
             m.d.display += second.eq(~second)
             with m.If(second):
                 m.d.display += place.eq(place + 1)
-                with m.If(place == marks - 1):
+                with m.If(place == total - 1):
                     m.d.display += drawing.eq(0)
 
         mark = fetch.data

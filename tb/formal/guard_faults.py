@@ -1,13 +1,11 @@
 """Faults planted in the laser guard, each a change of its text, to be found by the proof."""
 
-import types
 from dataclasses import dataclass
 
-from scripts.blocks import ROOT
+from tb.formal.altered import altered
 
 __all__ = ["FAULTS", "SCALED", "Fault", "guard_class"]
 
-SOURCE = ROOT / "hdl" / "acquisition" / "laser_guard.py"
 #: Ceilings so small that a counterexample is some tens of clocks long: as by default, where one
 #: pulse takes the whole window's light; and where a window holds one and a half.
 SCALED = ((1_000_000, 4, 8, 16, 4, 9), (1_000_000, 4, 8, 16, 6, 9))
@@ -108,20 +106,5 @@ FAULTS = (
 
 
 def guard_class(fault=None):
-    """:class:`hdl.acquisition.laser_guard.LaserGuard`, with ``fault`` if one is given.
-
-    Raises
-    ------
-    LookupError
-        If the text that the fault changes is not there, once.
-    """
-    text = SOURCE.read_text()
-    for old, new in fault.edits if fault is not None else ():
-        if text.count(old) != 1:
-            raise LookupError(f"The text {old!r} of the fault {fault.name!r} stands "
-                              f"{text.count(old)} times in {SOURCE.name}, not once")
-        text = text.replace(old, new)
-    module = types.ModuleType("hdl.acquisition.laser_guard_with_a_fault")
-    module.__package__ = "hdl.acquisition"
-    exec(compile(text, str(SOURCE), "exec"), module.__dict__)
-    return module.LaserGuard
+    """:class:`hdl.acquisition.laser_guard.LaserGuard`, with ``fault`` if one is given."""
+    return altered("hdl.acquisition.laser_guard", fault.edits if fault else ()).LaserGuard

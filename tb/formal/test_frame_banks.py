@@ -12,7 +12,7 @@ from tb.formal.frame_banks import BanksProof
 def outcome(name, banks, **options):
     proof = BanksProof(banks, **{key: options.pop(key) for key in ("properties", "linked")
                                  if key in options})
-    return formal.prove(name, formal.to_rtlil(proof, proof.ports), **options)
+    return formal.prove(name, formal.to_rtlil(proof), **options)
 
 
 @pytest.mark.parametrize("banks", [2, 3])

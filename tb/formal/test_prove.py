@@ -24,7 +24,7 @@ def test_guard_by_other_ceilings(limits):
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name.replace(" ", "_"))
 def test_planted_fault_is_found(fault):
-    outcome = prove.fault_outcome(fault)
+    outcome = prove.guard_fault_outcome(fault)
     assert outcome.result == "failed", outcome.log[-3000:]
     assert outcome.failed and set(outcome.failed) <= set(fault.breaks)
 
@@ -33,7 +33,7 @@ def test_planted_fault_is_found(fault):
 def test_guard_without_a_fault_is_not_blamed(scale):
     """What finds the faults finds nothing where there is none."""
     top = GuardProof(guard_class()(*SCALED[scale]), linked=False)
-    outcome = formal.prove(f"no fault {scale}", formal.to_rtlil(top, top.ports), "bmc",
+    outcome = formal.prove(f"no fault {scale}", formal.to_rtlil(top), "bmc",
                            prove.FAULT_DEPTH)
     assert outcome.result == "held", outcome.log[-3000:]
 
@@ -45,6 +45,8 @@ def test_a_fault_that_is_nowhere_is_refused():
 
 class Counter(Elaboratable):
     """Counts to 5, and is claimed never to."""
+
+    ports = ()
 
     def __init__(self, most):
         self.most = most
@@ -64,6 +66,6 @@ class Counter(Elaboratable):
 ])
 def test_outcomes_are_told_apart(most, mode, depth, result):
     outcome = formal.prove(f"counter {most} {mode} {depth}",
-                           formal.to_rtlil(Counter(most), []), mode, depth)
+                           formal.to_rtlil(Counter(most)), mode, depth)
     assert outcome.result == result
     assert outcome.failed == (("small",) if result == "failed" else ())

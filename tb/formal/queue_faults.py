@@ -1,0 +1,86 @@
+"""Faults planted in queues and in the handshakes of blocks, to be found by the proofs."""
+
+from dataclasses import dataclass, field
+
+from tb.formal.altered import altered
+from tb.formal.queues import QUEUES, QueueProof
+from tb.formal.streams import CASES, Case, ContractProof
+
+__all__ = ["FAULTS", "Fault"]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A planted fault.
+
+    ``module`` and ``name`` tell the class, ``edits`` are pairs of a text and what stands there
+    instead, ``breaks`` are the claims of which one must fail within ``depth`` clocks. ``queue``
+    is the entry of :data:`tb.formal.queues.QUEUES` that follows it; without one it is the stream
+    contract that fails.
+    """
+
+    what: str
+    module: str
+    name: str
+    edits: tuple
+    breaks: tuple
+    queue: str = ""
+    arguments: dict = field(default_factory=dict)
+    depth: int = 20
+
+    def proof(self):
+        """The design of the proof, with the fault in it."""
+        component = getattr(altered(self.module, self.edits), self.name)(**self.arguments)
+        if self.queue:
+            return QueueProof(component, QUEUES[self.queue].follow)
+        return ContractProof(component, CASES.get(self.module.rpartition(".")[2], Case()))
+
+
+def _small(*edits):
+    """Few places, so that the queue is soon full."""
+    return (("_PLACES = 256", "_PLACES = 4"), *edits)
+
+
+_STAGE, _POINTS = "hdl.common.stage", "hdl.common.point_fifo"
+_SPOTS = "hdl.preprocessing.spot_queue"
+FAULTS = (
+    Fault("stage: takes a word while it holds one", _STAGE, "Stage", (
+        ("self.i.ready.eq(~self.o.valid | self.o.ready)", "self.i.ready.eq(1)"),),
+        ("order", "nothing_lost"), "stage", {"shape": 8}),
+    Fault("stage: a word changes while it waits", _STAGE, "Stage", (
+        ("self.i.ready.eq(~self.o.valid | self.o.ready)", "self.i.ready.eq(1)"),), ("o",),
+        arguments={"shape": 8}),
+    Fault("stage: makes words up", _STAGE, "Stage", (
+        ("self.o.valid.eq(self.i.valid)", "self.o.valid.eq(1)"),), ("nothing_more",), "stage",
+        {"shape": 8}),
+    Fault("point_fifo: takes a point too many", _POINTS, "PointFIFO", _small(
+        ("self.i.ready.eq(~level[-1])", "self.i.ready.eq(~level.all())")),
+        ("order", "nothing_lost"), "point_fifo"),
+    Fault("point_fifo: a point that waits is overwritten", _POINTS, "PointFIFO", _small(
+        ("& (~self.o.valid | self.o.ready)),", "& C(1)),")), ("order", "nothing_lost"),
+        "point_fifo"),
+    Fault("point_fifo: a point changes while it waits", _POINTS, "PointFIFO", _small(
+        ("& (~self.o.valid | self.o.ready)),", "& C(1)),")), ("o",)),
+    Fault("point_fifo: reads where it writes", _POINTS, "PointFIFO", _small(
+        ("fetch.eq(~push & ", "fetch.eq(")), ("order",), "point_fifo"),
+    Fault("point_fifo: a point comes out twice", _POINTS, "PointFIFO", _small(
+        ("read_place.eq(read_place + 1)", "read_place.eq(read_place)")), ("order",), "point_fifo"),
+    Fault("spot_queue: no places for end marks", _SPOTS, "SpotQueue", (
+        ("self.depth - _END_PLACES", "self.depth"),), ("order", "room_for_ends"), "spot_queue",
+        {"depth": 8}),
+    Fault("spot_queue: dropped spots are not counted", _SPOTS, "SpotQueue", (
+        ("~rejected & ~room)]", "~rejected & ~room & C(0))]"),), ("conservation",), "spot_queue",
+        {"depth": 8}),
+    Fault("spot_queue: counters are overwritten", _SPOTS, "SpotQueue", (
+        ("& (~self.counts.valid | self.counts.ready)):", "):"),), ("counts_first",), "spot_queue",
+        {"depth": 8}),
+    Fault("spot_queue: counters come behind their frame", _SPOTS, "SpotQueue", (
+        ("(~shown.end | counted)", "C(1)"),), ("counts_first",), "spot_queue", {"depth": 8}),
+    Fault("depth: a point does not wait", "hdl.stereo.depth", "Depth", (
+        ("with m.If(taken):\n", "with m.If(self.o.valid):\n"),), ("o",)),
+    Fault("depth: the next spot is shown in its place", "hdl.stereo.depth", "Depth", (
+        ("self.i.ready.eq(taken)", "self.i.ready.eq(step[3])"),), ("o",)),
+    Fault("camera: a pixel that waits is skipped", "hdl.acquisition.camera", "Camera", (
+        ("queue.r_en.eq(self.o.ready)", "queue.r_en.eq(1)"),), ("o",),
+        arguments={"width": 8, "height": 4}),
+)

@@ -1,0 +1,232 @@
+"""Queues keep order, lose nothing and make nothing up.
+
+Of all words that go in, one is picked at a free moment; the proof follows it. When those that were
+ahead of it have come out, it must be the next, unchanged; and never does more come out than went
+in. As the moment is free, this holds for every word.
+"""
+
+from dataclasses import dataclass
+
+from amaranth.hdl import (
+    Cat,
+    Const,
+    DomainRenamer,
+    Elaboratable,
+    EnableInserter,
+    Fragment,
+    Module,
+    ResetSignal,
+    Signal,
+    Value,
+)
+from amaranth.lib import fifo
+
+from hdl.common.point_fifo import PointFIFO
+from hdl.common.stage import Stage
+from hdl.preprocessing.spot_queue import SpotQueue
+from scripts import formal
+from tb.formal.streams import async_queue, free_inputs
+
+__all__ = ["QUEUES", "Queue", "QueueProof"]
+
+
+class _Token:
+    """The picked word: ``held`` while it is in the queue, ``ahead`` how many come out first."""
+
+    def __init__(self, m, pick, puts, word, takes, most):
+        def register(shape, name):
+            return Signal(shape, name=f"token_{name}", reset_less=True)
+
+        self.word, self.ahead = register(len(word), "word"), register(range(most + 1), "ahead")
+        self.held, self.inside = register(1, "held"), register(range(most + 2), "inside")
+        m.d.sync += self.inside.eq(self.inside + puts - takes)
+        with m.If(self.held & takes):
+            m.d.sync += self.ahead.eq(self.ahead - 1)
+            with m.If(self.ahead == 0):
+                m.d.sync += self.held.eq(0)
+        with m.If(~self.held & puts & pick):
+            m.d.sync += [self.held.eq(1), self.word.eq(word), self.ahead.eq(self.inside - takes)]
+        with m.If(ResetSignal()):
+            m.d.sync += [self.held.eq(0), self.inside.eq(0)]
+
+
+class QueueProof(Elaboratable):
+    """``queue``, followed as its entry in :data:`QUEUES` says."""
+
+    def __init__(self, queue, follow, clocks=()):
+        self.queue, self.follow, self.clocks = queue, follow, clocks
+        self.pick = Signal()
+        self.ticks = {domain: Signal(name=f"{domain}_tick") for domain in clocks}
+
+    @property
+    def ports(self):
+        """Free inputs."""
+        queue = self.queue
+        inputs = ([queue.w_en, queue.w_data, queue.r_en]
+                  if isinstance(queue, (fifo.SyncFIFO, fifo.AsyncFIFO)) else free_inputs(queue))
+        return [self.pick, *self.ticks.values(), *inputs]
+
+    def elaborate(self, platform):
+        m = Module()
+        inside = Fragment.get(self.queue, platform)
+        g = formal.internals(inside)
+        self.follow(m, self.queue, g, inside, self)
+        if self.clocks:
+            formal.assume(m, "no_reset", ~ResetSignal())
+            inside = DomainRenamer(dict.fromkeys(self.clocks, "sync"))(
+                EnableInserter(self.ticks)(inside))
+        m.submodules.queue = inside
+        return m
+
+
+def _check(m, token, valid, word, takes):
+    formal.claim(m, "order", ~(token.held & (token.ahead == 0) & valid) | (word == token.word))
+    formal.claim(m, "nothing_more", ~valid | (token.inside != 0))
+    formal.claim(m, "link_ahead", ~token.held | (token.ahead < token.inside))
+
+
+def _stage(m, queue, g, inside, top):
+    puts, takes = queue.i.valid & queue.i.ready, queue.o.valid & queue.o.ready
+    token = _Token(m, top.pick, puts, Value.cast(queue.i.payload), takes, 1)
+    _check(m, token, queue.o.valid, Value.cast(queue.o.payload), takes)
+    formal.claim(m, "nothing_lost", token.inside == queue.o.valid)
+
+
+def _sync_fifo(m, queue, g, inside, top):
+    takes = queue.r_rdy & queue.r_en
+    token = _Token(m, top.pick, queue.w_rdy & queue.w_en, queue.w_data, takes, queue.depth)
+    _check(m, token, queue.r_rdy, queue.r_data, takes)
+    formal.claim(m, "nothing_lost", (queue.level == token.inside) & (
+        queue.r_rdy == (token.inside != 0)) & (queue.w_rdy == (token.inside != queue.depth)))
+    formal.claim(m, "link_places", (
+        (g["produce"] - g["consume"] - queue.level) & (queue.depth - 1)) == 0)
+    formal.claim(m, "link_level", queue.level <= queue.depth)
+    place = (g["consume"] + token.ahead)[:len(g["consume"])]
+    formal.claim(m, "link_word", ~token.held | (
+        formal.probe(inside, ["storage"], place) == token.word))
+
+
+def _async_fifo(m, queue, g, inside, top):
+    takes = queue.r_rdy & queue.r_en & top.ticks["read"]
+    puts = queue.w_rdy & queue.w_en & top.ticks["write"]
+    token = _Token(m, top.pick, puts, queue.w_data, takes, queue.depth)
+    _check(m, token, queue.r_rdy, queue.r_data, takes)
+    writer, reader = g["produce_w_bin"], g["consume_r_bin"]
+    formal.claim(m, "nothing_lost", token.inside == (writer - reader)[:len(writer)])
+    async_queue(m, g, queue.r_data, lambda address: formal.probe(inside, ["storage"], address))
+    place = (reader + token.ahead)[:len(reader) - 1]
+    formal.claim(m, "link_token", ~token.held | (
+        formal.probe(inside, ["storage"], place) == token.word))
+
+
+def _point_fifo(m, queue, g, inside, top):
+    takes = queue.o.valid & queue.o.ready
+    token = _Token(m, top.pick, g["push"], Value.cast(queue.i.payload), takes, queue.depth)
+    _check(m, token, queue.o.valid, Value.cast(queue.o.payload), takes)
+    level, places = g["level"], len(g["read_place"])
+    formal.claim(m, "nothing_lost", token.inside == level + queue.o.valid)
+    formal.claim(m, "goes_on", g["push"] | (level == 0) | queue.o.valid | g["fetch"])
+    formal.claim(m, "link_level", level <= queue.depth - 1)
+    formal.claim(m, "link_places", (
+        g["write_place"] - g["read_place"] - level)[:places] == 0)
+    place = (g["read_place"] + token.ahead - queue.o.valid)[:places]
+    stored = Cat(formal.probe(inside, ["points"], Cat(place, Const(half, 1)))
+                 for half in range(2))
+    formal.claim(m, "link_word", ~token.held | (queue.o.valid & (token.ahead == 0))
+                 | (stored == token.word))
+
+
+def _spot_queue(m, queue, g, inside, top):
+    takes = queue.o.valid & queue.o.ready
+    ends = Value.cast(queue.o.p.end)
+    inward = Cat(g["written"], g["counters"])
+    token = _Token(m, top.pick, g["push"], inward, takes, queue.depth + 1)
+    bits = len(g["written"])
+    spot, counters, is_end = token.word[:bits], token.word[bits:], token.word[0]
+    formal.claim(m, "order", ~(token.held & (token.ahead == 0) & queue.o.valid)
+                 | (Value.cast(queue.o.payload) == spot))
+    formal.claim(m, "nothing_more", ~queue.o.valid | (token.inside != 0))
+    formal.claim(m, "nothing_lost", token.inside == g["level"] + g["held"])
+
+    # No more than four frames are on their way, so no more than four end marks are in the memory.
+    fetched = Signal()
+    ends_before, ends_inside = Signal(4), Signal(4)
+    leaves = fetched & g["shown"][0] & (ends_before != 0)
+    comes = queue.i.valid & queue.i.p.end
+    m.d.comb += ends_inside.eq(ends_before - leaves)
+    m.d.sync += [fetched.eq(g["fetch"]), ends_before.eq(ends_inside + comes)]
+    formal.assume(m, "frames", ~comes | (ends_inside < 4))
+    formal.claim(m, "room_for_ends", g["level"] <= queue.depth)
+    formal.claim(m, "link_room", (g["level"] <= queue.depth - 4 + ends_inside)
+                 & (ends_inside <= 4))
+
+    # Each end mark has its counters told once, before it is taken.
+    was_valid, was_taken = Signal(reset_less=True), Signal(reset_less=True)
+    told = Signal(reset_less=True)
+    new = Signal()
+    m.d.comb += new.eq(queue.counts.valid & (~was_valid | was_taken))
+    m.d.sync += [
+        was_valid.eq(queue.counts.valid & ~ResetSignal()), was_taken.eq(queue.counts.ready),
+        told.eq((told | new) & ~(takes & ends) & ~ResetSignal()),
+    ]
+    head = token.held & (token.ahead == 0)
+    formal.claim(m, "counts_once", ~(new & told))
+    formal.claim(m, "counts_of_an_end", ~new | g["shown"][0])
+    formal.claim(m, "counts_first", ~(takes & ends) | told | new)
+    formal.claim(m, "counts", ~(head & is_end & new)
+                 | (Value.cast(queue.counts.payload) == counters))
+    formal.claim(m, "link_told", g["counted"] == (told | new))
+    formal.claim(m, "link_counted", ~g["counted"] | (g["held"] & g["shown"][0]))
+
+    # Spots of the frame that comes in: passed on, rejected or dropped.
+    spots, passed = (Signal(17, name=f"seen_{name}", reset_less=True) for name in "sp")
+    is_spot = queue.i.valid & ~queue.i.p.end
+    with m.If(is_spot & (spots != 1 << 16)):
+        m.d.sync += [spots.eq(spots + 1), passed.eq(passed + g["push"])]
+    with m.If((queue.i.valid & queue.i.p.end) | ResetSignal()):
+        m.d.sync += [spots.eq(0), passed.eq(0)]
+    formal.claim(m, "conservation", (spots == 1 << 16) | (
+        (g["spots"] == spots) & (passed + g["rejected"] + g["dropped"] == spots)))
+
+    places = len(g["read_place"])
+    formal.claim(m, "link_ahead", ~token.held | (token.ahead < token.inside))
+    formal.claim(m, "link_places", (
+        g["write_place"] - g["read_place"] - g["level"])[:places] == 0)
+    place = (g["read_place"] + token.ahead - g["held"])[:places]
+    words = []
+    for memory in ("spots_memory", "counters_memory"):
+        for bank in range(2):
+            words.append(formal.probe(inside, [memory], Cat(place, Const(bank, 1))))
+    formal.claim(m, "link_shown", ~(head & g["held"]) | (
+        Cat(g["shown"], g["shown_counters"]) == token.word))
+    formal.claim(m, "link_word", ~token.held | (head & g["held"])
+                 | (Cat(words)[:len(inward)] == token.word))
+
+
+@dataclass(frozen=True)
+class Queue:
+    """What it is made of, how it is followed, its domains if there are two, and what it is."""
+
+    make: object
+    follow: object
+    clocks: tuple
+    what: str
+
+    def proof(self):
+        """The design of the proof."""
+        return QueueProof(self.make(), self.follow, self.clocks)
+
+
+QUEUES = {
+    "stage": Queue(lambda: Stage(8), _stage, (), "one word between two blocks"),
+    "frame_info": Queue(lambda: fifo.SyncFIFO(width=8, depth=4), _sync_fifo, (),
+                        "amaranth's SyncFIFO, 4 words"),
+    "remap.queue": Queue(lambda: fifo.SyncFIFO(width=8, depth=16), _sync_fifo, (),
+                         "amaranth's SyncFIFO, 16 words"),
+    "camera.queue": Queue(lambda: fifo.AsyncFIFO(
+        width=8, depth=16, w_domain="write", r_domain="read"), _async_fifo, ("write", "read"),
+        "amaranth's AsyncFIFO, 16 words, any two clocks"),
+    "point_fifo": Queue(PointFIFO, _point_fifo, (), "256 points"),
+    "spot_queue": Queue(lambda: SpotQueue(64), _spot_queue, (),
+                        "64 spots, with the counters of each frame"),
+}

@@ -68,7 +68,9 @@ class Framer(wiring.Component):
 
         # Assembly. An octet is shifted in a bit a clock, so that the check is, too. A zero is not
         # written: its place gets the distance to the next one, once that is known.
-        full, write_half, read_half = Signal(2), Signal(), Signal()
+        full = Signal(2)
+        write_half = Signal()
+        read_half = Signal()
         octet, bit_number = Signal(8), Signal(3)
         place, zero_place = Signal(range(_BANK), init=1), Signal(range(_BANK))
         kind, number, checking = Signal(init=1), Signal(), Signal()
@@ -126,7 +128,10 @@ class Framer(wiring.Component):
         # bit, negative in its last one.
         left = Signal(signed(17), init=-1)
         bits = Signal(range(_CHARACTER * (1 + GAP_CHARACTERS)))
-        due, offered, waiting, taken = Signal(), Signal(), Signal(), Signal()
+        due = Signal()
+        offered = Signal()
+        waiting = Signal()
+        taken = Signal()
         m.d.comb += [
             due.eq(left[16] & (bits == 0)),
             self.o.valid.eq(waiting & due & (self.cts | offered)),

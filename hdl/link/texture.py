@@ -94,7 +94,8 @@ class Texture(wiring.Component):
         write_place, following, first = (Signal(range(_BANK)) for _ in range(3))
         starts, capturing, captured = Signal(), Signal(), Signal()
         whole, take_over = Signal(), Signal()  # its pixels wait; sending goes over to them
-        due, told = Signal(), Signal()  # so does the packet of the frame; its last octet is taken
+        due = Signal()  # so does the packet of the frame
+        told = Signal()  # its last octet is taken
         m.d.comb += [
             self.i.ready.eq(1),
             self.info.ready.eq(~whole & ~due),

@@ -14,12 +14,14 @@ from amaranth.hdl import (
     EnableInserter,
     Fragment,
     Module,
+    Mux,
     ResetSignal,
     Signal,
     Value,
 )
 from amaranth.lib import stream, wiring
 
+from hdl.link import texture
 from hdl.stereo.undistort import _Phase as Phase
 from scripts import formal
 
@@ -258,9 +260,42 @@ def _commands(m, block, g, inside):
     formal.claim(m, "link_shown", ~g["shown"] | (address == block.address))
 
 
+def _framer(m, block, g, inside):
+    # What is sent stands in a full half, which is not written to; and it has been read when it is
+    # due, since a character is longer than a read.
+    assembly, sending = g["assembly_state"], g["sending_state"]
+    full, writing, reading = g["full"], g["write_half"], g["read_half"]
+    shift, opening = 0, 0  # the first states
+    formal.claim(m, "link_states", (assembly <= 2) & (sending <= 2))
+    formal.claim(m, "link_empty", (assembly == shift) | ~full.bit_select(writing, 1))
+    formal.claim(m, "link_full", (sending == opening) | full.bit_select(reading, 1))
+    word = formal.probe(inside, ["memory"], Cat(g["read_place"], reading))
+    formal.claim(m, "link_read", (sending != 1) | ~g["due"] | (block.o.payload == word[:8]))
+
+
+def _texture(m, block, g, inside):
+    # A frame comes if its announcement was taken, in the clock of its first pixel.
+    inside_frame = Signal()
+    with m.If(block.i.valid):
+        m.d.sync += inside_frame.eq(~block.i.p.mark.frame_end)
+    formal.assume(m, "announced", ~block.i.valid | inside_frame
+                  | (block.info.valid & block.info.ready))
+    state = g["fsm_state"]
+    formal.claim(m, "link_due", (state == 0) | ~g["of_frame"] | g["due"])
+    formal.claim(m, "link_frame", ~inside_frame | ~g["due"])
+    index, head = g["index"], texture._HEAD
+    formal.claim(m, "link_idle", (state != 0) | (index == 0))
+    formal.claim(m, "link_head", (state != 1) | (
+        index < Mux(g["of_frame"], texture._FRAME_OCTETS, head)))
+    formal.claim(m, "link_pixels", (state < 2) | (~g["of_frame"] &
+        (index >= head) & (index < head + texture._PIXELS + (state == 3))))
+
+
 CASES = {
     "depth": Case(_depth),
     "undistort": Case(_undistort),
+    "framer": Case(_framer),
+    "texture": Case(_texture),
     "image_bank": Case(_image_bank),
     "remap": Case(_remap),
     "receiver": Case(_receiver),

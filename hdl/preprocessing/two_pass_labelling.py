@@ -37,7 +37,7 @@ class TwoPassLabelling(wiring.Component):
         pass 1    width * height      a pixel a clock, a word of two labels every second clock
         resolve   2 n
         pass 2    width * height      a word every second clock
-        report    n                   a label a clock, spots among them
+        report    n                   a label a clock; each spot makes interval - 1 clocks more
 
     Joining two labels that meet takes three clocks, and one more for each step on the way to
     their roots; pass 1 goes on meanwhile, and waits only where the next two labels meet before
@@ -65,6 +65,9 @@ class TwoPassLabelling(wiring.Component):
         one less than that. No 352 x 288 frame needs more than 25,344.
     base : :class:`int`
         First word of the image of labels; it takes half a word for each pixel.
+    interval : :class:`int`
+        Least clocks from a spot to the next, 1 to 64. All spots of a frame leave at its end: what
+        is behind must be as fast as this, or have room for all of them, or let them wait.
 
     Members
     -------
@@ -88,7 +91,7 @@ class TwoPassLabelling(wiring.Component):
 
     overhead = 13
 
-    def __init__(self, width, height, labels=1023, base=0):
+    def __init__(self, width, height, labels=1023, base=0, interval=1):
         if not isinstance(width, int) or not 4 <= width <= 512:
             raise ValueError(f"Frame width must be an integer from 4 to 512, not {width!r}")
         if not isinstance(height, int) or not 1 <= height <= 512:
@@ -98,8 +101,10 @@ class TwoPassLabelling(wiring.Component):
         last = (1 << 19) - (width * height + 1) // 2
         if not isinstance(base, int) or not 0 <= base <= last:
             raise ValueError(f"Base must be an integer from 0 to {last}, not {base!r}")
+        if not isinstance(interval, int) or not 1 <= interval <= 64:
+            raise ValueError(f"Interval must be an integer from 1 to 64, not {interval!r}")
         self.width, self.height = width, height
-        self.labels, self.base = labels, base
+        self.labels, self.base, self.interval = labels, base, interval
         super().__init__({
             "i": In(stream.Signature(MaskPixel)),
             "o": Out(stream.Signature(Spot)),
@@ -132,7 +137,7 @@ class TwoPassLabelling(wiring.Component):
         row_write, above = row_above.write_port(), row_above.read_port()
 
         column = Signal(range(self.width))
-        row = Signal(range(self.height))
+        row = Signal(range(max(2, self.height)))  # Verilog has no signals without bits
         used = Signal(Label)  # labels that were given
         label = Signal(range(self.labels + 2))  # where resolving and reporting have come to
         beyond = Signal()
@@ -360,7 +365,10 @@ class TwoPassLabelling(wiring.Component):
         resolved = Signal()
         lost = Signal()
         moves = Signal()
-        m.d.comb += moves.eq(~self.o.valid | self.o.ready)
+        pause = Signal(range(max(2, self.interval)))
+        m.d.comb += moves.eq((~self.o.valid | self.o.ready) & (pause == 0))
+        with m.If(pause != 0):
+            m.d.sync += pause.eq(pause - 1)
         with m.If(self.o.ready):
             m.d.sync += self.o.valid.eq(0)
         spot = Signal(Spot, reset_less=True)
@@ -456,6 +464,8 @@ class TwoPassLabelling(wiring.Component):
                         spot.sum_u.eq(Mux(too_large, 0, found.sum_u)),
                         spot.sum_v.eq(Mux(too_large, 0, found.sum_v)),
                     ]
+                    with m.If(reports & (parent.data == asked)):
+                        m.d.sync += pause.eq(self.interval - 1)
                     with m.If(beyond & ~reports):
                         m.next = "END"
 

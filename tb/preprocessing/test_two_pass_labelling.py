@@ -249,6 +249,32 @@ def test_clocks(size, labels):
     assert np.array_equal(taken[1:, 0], ends[:-1] + 1), "a frame began late"
 
 
+@pytest.mark.parametrize("interval", [2, 20])
+@pytest.mark.parametrize("stall", [0, 0.5])
+def test_interval(interval, stall):
+    """Spots keep their distance, and cost just that."""
+    size, rng = (16, 16), np.random.default_rng(interval)
+    lit = rng.random((50, *size)) < rng.random((50, 1, 1)) / 2
+    core = cores(lit, 1)
+    dut = NativeBlock(TwoPassRig(*size, interval=interval))
+    dut.set(traffic=0)
+    dut.reset()
+    out = dut.stream(beats(lit, core).reshape(-1, 1), 0, stall, 1, idle=10_000)
+    fields = out.fields(Spot)
+    frames = frames_of(fields)
+    ends = out.clocks[fields["end"] == 1]
+    assert len(frames) == len(lit)
+    after_spot = fields["end"][:-1] == 0
+    assert np.diff(out.clocks)[after_spot].min() >= (interval if not stall else 1)
+    for index, (spots, _) in enumerate(frames):
+        want, _ = label_in_two_passes(lit[index], core[index], 1023)
+        compare(spots, want, f"frame {index}")
+        used = labels_used(lit[index], 1023)
+        formula = 512 + 3 * used + TwoPassLabelling.overhead + (interval - 1) * len(want)
+        joining = ends[index] - out.taken[256 * index] - formula
+        assert stall or -(used == 0) <= joining <= used + 1
+
+
 @pytest.mark.parametrize("size", [SMALL, (4, 4)])
 @pytest.mark.parametrize(("gap", "stall", "traffic"), [(0, 0, 0), (0.4, 0.3, 0), (0, 0, 100)])
 @pytest.mark.parametrize("seed", [1, 2])
@@ -311,6 +337,8 @@ def test_reset_forgets():
     ((4, 4, 1.5), "Labels must be an integer from 1 to 32767, not 1.5"),
     ((4, 4, 1, -1), "Base must be an integer from 0 to 524280, not -1"),
     ((5, 5, 1, 524276), "Base must be an integer from 0 to 524275, not 524276"),
+    ((4, 4, 1, 0, 0), "Interval must be an integer from 1 to 64, not 0"),
+    ((4, 4, 1, 0, 65), "Interval must be an integer from 1 to 64, not 65"),
 ])
 def test_bad_parameters(arguments, sentence):
     with pytest.raises(ValueError, match=f"{sentence}$"):

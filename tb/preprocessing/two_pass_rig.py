@@ -18,8 +18,8 @@ class TwoPassRig(wiring.Component):
     The stranger writes the memory's last word, each clock with a chance of ``traffic`` in 256.
     """
 
-    def __init__(self, width, height, labels=1023, base=0):
-        self.labelling = TwoPassLabelling(width, height, labels, base)
+    def __init__(self, width, height, labels=1023, base=0, interval=1):
+        self.labelling = TwoPassLabelling(width, height, labels, base, interval)
         self.address_bits = (base + (width * height + 1) // 2).bit_length()
         super().__init__({
             "i": In(stream.Signature(MaskPixel)),

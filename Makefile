@@ -6,7 +6,7 @@ PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup tools demo sim test lint bench prove synth-export clean
+.PHONY: help setup tools demo sim test lint bench prove crossings synth-export clean
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1|\2/p' $(MAKEFILE_LIST) | \
@@ -37,6 +37,9 @@ bench: tools ## print speed, accuracy and size
 
 prove: tools ## prove the laser guard, the streams and the queues, and print the table
 	$(BIN)/python -m scripts.prove
+
+crossings: setup ## list every path between clock domains, from the netlist
+	$(BIN)/python -m scripts.crossings
 
 synth-export: setup ## write Verilog, VHDL, tables and vendor projects to build/export
 	$(BIN)/python -m scripts.export

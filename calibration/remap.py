@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from calibration.undistortion import build
 from model.preprocessing.remap import OUTSIDE
 
-__all__ = ["remap_table"]
+__all__ = ["remap_settings", "remap_table"]
 
 
 def remap_table(lens):
@@ -30,3 +31,14 @@ def remap_table(lens):
     shown = ((u >= 0) & (u < lens.width) & (v >= 0) & (v < lens.height)
              & (radius < lens.fold_radius))
     return tuple(int(word) for word in np.where(shown, v * lens.width + u, OUTSIDE).ravel())
+
+
+def remap_settings(lens):
+    """What :class:`model.settings.Settings` holds where whole images are corrected.
+
+    Centres in the corrected image are undistorted already: registers and radial table are those
+    of a lens without distortion, which leave every place where it is, to the last bit.
+    """
+    tables = build(lens.focal, *lens.centre, 0, 0, 0, 0, lens.width, lens.height)
+    return {"remap": remap_table(lens), **{name: tables[name] for name in (
+        "principal_u", "principal_v", "tangential_1", "tangential_2", "radial")}}

@@ -11,7 +11,6 @@ from model.preprocessing.histogram import histogram
 from model.preprocessing.labelling import label
 from model.preprocessing.spot_queue import screen
 from model.preprocessing.threshold import threshold
-from model.stereo.recentre import recentre
 
 __all__ = ["find_spots"]
 
@@ -62,8 +61,8 @@ def find_spots(name, z_mm, image, settings, lens):
 def _corrected(name, z_mm, image, settings, lens):
     level, spots, _ = corrected_spots(image, settings)
     spots = spots[spots["rejected"] == 0]
-    x, y, _ = recentre(*centres(spots, settings.reciprocal), lens.width, lens.height)
-    x, y = x * _LSB_PX, y * _LSB_PX
+    x, y = (place * _LSB_PX - middle for place, middle in zip(
+        centres(spots, settings.reciprocal), lens.centre, strict=True))
     u, v = lens.distort(x, y)
     return PlaneSpots(name=name, z_mm=float(z_mm), u=u, v=v, x=x, y=y,
                       area=np.asarray(spots["area"]), level=level)

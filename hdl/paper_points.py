@@ -1,16 +1,25 @@
 """Pattern frames to points, as the paper has it: stored, learnt from, and read again."""
 
-from amaranth.hdl import C, Cat, DomainRenamer, Module, Mux, Shape, Signal
+from amaranth.hdl import C, Cat, DomainRenamer, Module, Mux, Shape, Signal, signed
 from amaranth.lib import stream, wiring
 from amaranth.lib.fifo import SyncFIFO
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .acquisition.image_bank import ImageBank
-from .common.point_fifo import PointFIFO
 from .common.stage import Stage
 from .common.table_memory import TableMemory
 from .config import Config
-from .payloads import Counts, FrameInfo, GreyPixel, MemoryCommand, Point, Spot
+from .payloads import (
+    COORDINATE_BITS,
+    Counts,
+    FrameInfo,
+    GreyPixel,
+    MemoryCommand,
+    Point,
+    Spot,
+    StoredFrame,
+    Undistorted,
+)
 from .preprocessing.binarise import Binarise
 from .preprocessing.centre import Centring
 from .preprocessing.erosion import Erosion
@@ -22,7 +31,7 @@ from .preprocessing.two_pass_labelling import TwoPassLabelling
 from .protocol import TABLES
 from .stereo.depth import Depth
 from .stereo.epipolar import Epipolar
-from .stereo.recentre import Recentre
+from .stereo.undistort import Undistort
 
 __all__ = ["LABEL_BASE", "REGISTERS", "REMAP_BASE", "PaperPoints"]
 
@@ -31,7 +40,7 @@ __all__ = ["LABEL_BASE", "REGISTERS", "REMAP_BASE", "PaperPoints"]
 REMAP_BASE, LABEL_BASE = 0, 1 << 18
 #: Clocks from spot to spot: as many as the slowest takes to become a point, so that the burst in
 #: which labelling reports a frame does not flood the queue.
-_SPOT_CLOCKS = 20
+_SPOT_CLOCKS = 22
 #: Frames whose points may still be on their way when the next one starts.
 _FRAMES_IN_FLIGHT = 4
 #: Registers that are heard, by their names in :mod:`hdl.protocol`.
@@ -43,6 +52,10 @@ REGISTERS = {
     "area_min": 8,
     "area_max": 8,
     "report_rejected": 1,
+    "principal_u": COORDINATE_BITS,
+    "principal_v": COORDINATE_BITS,
+    "tangential_1": signed(18),
+    "tangential_2": signed(18),
 }
 
 
@@ -52,12 +65,16 @@ class PaperPoints(wiring.Component):
     A frame is stored as it arrives, while its histogram grows. Its level is learnt from all of its
     pixels; then it is read again, through the table that corrects the whole image, made into a
     mask, eroded, labelled in two passes over an image of labels, and its spots are measured as in
-    the preset ``capsule``, with all epipolar lines at once: lanes = beams. Pixels weigh 1.
+    the preset ``capsule``, with all epipolar lines at once where lanes = beams. Pixels weigh 1.
+
+    Both of the paper's corrections are there: with a lens in the table of places, the registers and
+    the radial table are those of a lens without distortion; with a table in which every pixel
+    shows itself, they are the lens's.
 
     A frame may begin while ``info`` is ready: while the one image bank is free, the bins are
     clean, and fewer than four frames are still on their way to the reader. After a frame's last
     pixel it takes at most 900 clocks to learn the level and two clocks a pixel to read the image
-    again, which frees the bank; one more clock a pixel, three a label and 20 a spot are spent on
+    again, which frees the bank; one more clock a pixel, three a label and 22 a spot are spent on
     the second pass, while the next frame may be stored already.
 
     Two clients of the external memory: 0 the image of labels, 1 the table of places, whose word
@@ -82,8 +99,14 @@ class PaperPoints(wiring.Component):
         Points; u and v are places in the corrected image.
     counts : :py:`Out(stream.Signature(Counts))`
         One for each frame. Those that labelling had to drop are among ``spots`` and ``dropped``.
+    number : :py:`Out(16)`
+        Number of the frame whose points are coming, end mark included.
     frames : :py:`Out(stream.Signature(FrameInfo))`
         What is known of a frame, with its own level.
+    corrected, corrected_info : :py:`Out(stream.Signature(GreyPixel, always_ready=True))`, \
+    :py:`Out(StoredFrame)`
+        The corrected image as it passes, for a display, and what is known of it with its first
+        pixel.
     idle : :py:`Out(1)`
         No frame is stored, and no spot is under way.
     moves : :py:`Out(1)`
@@ -91,8 +114,7 @@ class PaperPoints(wiring.Component):
     command, answer
         To the external memory, see :class:`hdl.common.sram.SRAMPort`.
     bank, table_write, table_read, table_select, table_address, table_data, table_word
-        As those of :class:`hdl.capsule.Capsule`. There is no radial table: what is written there
-        is lost.
+        As those of :class:`hdl.capsule.Capsule`.
     REGISTERS
         May change while ``idle``. See ``hdl/protocol.py``.
     """
@@ -106,7 +128,10 @@ class PaperPoints(wiring.Component):
             "info": In(stream.Signature(FrameInfo)),
             "o": Out(stream.Signature(Point)),
             "counts": Out(stream.Signature(Counts)),
+            "number": Out(16),
             "frames": Out(stream.Signature(FrameInfo)),
+            "corrected": Out(stream.Signature(GreyPixel, always_ready=True)),
+            "corrected_info": Out(StoredFrame),
             "idle": Out(1),
             "moves": Out(1),
             "command": Out(stream.Signature(MemoryCommand)).array(2),
@@ -150,13 +175,15 @@ class PaperPoints(wiring.Component):
 
         # A frame is announced when its level is known, or when it has turned out to be broken.
         # Only then it is read again.
+        under_way = Signal(range(_FRAMES_IN_FLIGHT + 1))
         waiting, learnt = Signal(), Signal()
         known_of_it = Signal(FrameInfo)
         announced = Signal(FrameInfo)
         level = Signal(8)
         announces = Signal()
         m.d.comb += [
-            self.info.ready.eq(bank.free & histogram.clean & frame_info.w_rdy & ~waiting),
+            self.info.ready.eq(bank.free & histogram.clean & frame_info.w_rdy
+                               & (under_way < _FRAMES_IN_FLIGHT)),
             announces.eq(waiting & bank.stored.valid & (bank.stored.p | learnt)),
             announced.eq(known_of_it),
             announced.level.eq(threshold.level),
@@ -186,6 +213,12 @@ class PaperPoints(wiring.Component):
             remap.ask.ready.eq(self.command[1].ready),
             remap.answer.valid.eq(self.answer[1].valid),
             remap.answer.payload.eq(self.answer[1].p[:18]),
+        ]
+
+        m.d.comb += [
+            self.corrected.valid.eq(remap.o.valid & remap.o.ready),
+            self.corrected.payload.eq(remap.o.payload),
+            self.corrected_info.number.eq(known_of_it.number),
         ]
 
         # Spots. While the last pixels of a frame wait for labelling, the next frame's level may
@@ -249,15 +282,21 @@ class PaperPoints(wiring.Component):
             ]
 
         # Stereo.
-        m.submodules.recentre = recentre = spot_side(Recentre(**size))
+        m.submodules.undistort = undistort = spot_side(Undistort(**size))
+        m.submodules.match_stage = match_stage = spot_side(Stage(Undistorted))
         m.submodules.epipolar = epipolar = spot_side(Epipolar(config.beams, config.lanes))
         m.submodules.depth = depth = spot_side(Depth())
-        m.submodules.point_fifo = point_fifo = spot_side(PointFIFO())
-        connect(m, centre.o, recentre.i)
-        connect(m, recentre.o, epipolar.i)
+        connect(m, centre.o, undistort.i)
+        connect(m, undistort.o, match_stage.i)
+        connect(m, match_stage.o, epipolar.i)
         connect(m, epipolar.o, depth.i)
-        connect(m, depth.o, point_fifo.i)
-        connect(m, point_fifo.o, flipped(self.o))
+        connect(m, depth.o, flipped(self.o))
+        m.d.comb += [
+            undistort.principal_u.eq(self.principal_u),
+            undistort.principal_v.eq(self.principal_v),
+            undistort.tangential_1.eq(self.tangential_1),
+            undistort.tangential_2.eq(self.tangential_2),
+        ]
 
         # Tables. Depth and reciprocals share a memory, each block with a port of its own.
         m.submodules.shared_table = shared_table = spot_side(TableMemory(config.beams))
@@ -265,8 +304,8 @@ class PaperPoints(wiring.Component):
         shared = chosen["depth"] | chosen["reciprocal"]
         m.d.comb += [
             *(chosen[table.name].eq(self.table_select == table.number) for table in TABLES),
-            *(block.bank.eq(self.bank) for block in (shared_table, epipolar)),
-            *(block.write_bank.eq(~self.bank) for block in (shared_table, epipolar)),
+            *(block.bank.eq(self.bank) for block in (shared_table, undistort, epipolar)),
+            *(block.write_bank.eq(~self.bank) for block in (shared_table, undistort, epipolar)),
             shared_table.a_address.eq(depth.table_address),
             depth.table_data.eq(shared_table.a_data),
             shared_table.b_address.eq(Cat(centre.table_address, C(1, 1))),
@@ -275,6 +314,9 @@ class PaperPoints(wiring.Component):
             shared_table.read_enable.eq(self.table_read & shared),
             shared_table.write_address.eq(Cat(self.table_address[:8], chosen["reciprocal"])),
             shared_table.write_data.eq(self.table_data),
+            undistort.radial_write_enable.eq(self.table_write & chosen["radial"]),
+            undistort.radial_write_address.eq(self.table_address),
+            undistort.radial_write_data.eq(self.table_data),
             epipolar.write_enable.eq(self.table_write & chosen["beams"]),
             epipolar.read_enable.eq(self.table_read & chosen["beams"]),
             epipolar.write_address.eq(self.table_address),
@@ -284,13 +326,15 @@ class PaperPoints(wiring.Component):
         read = Signal()
         m.d.spot += read.eq(self.table_read)
         with m.If(read):
-            with m.If(chosen["beams"]):
+            with m.If(chosen["radial"]):
+                m.d.spot += self.table_word.eq(undistort.radial_read_data)
+            with m.Elif(chosen["beams"]):
                 m.d.spot += self.table_word.eq(Cat(epipolar.read_line, epipolar.read_window))
             with m.Else():
                 m.d.spot += self.table_word.eq(shared_table.a_data)
 
         # A frame is under way from its first pixel until its end mark has left the depth block.
-        under_way = Signal(range(2 * _FRAMES_IN_FLIGHT))
+        m.submodules.numbers = numbers = spot_side(SyncFIFO(width=16, depth=_FRAMES_IN_FLIGHT))
         begins, ends = Signal(), Signal()
         m.d.comb += [
             begins.eq(self.info.valid & self.info.ready),
@@ -299,8 +343,11 @@ class PaperPoints(wiring.Component):
             self.moves.eq(Cat(
                 self.table_write, self.table_read, read, announces, labelling.o.valid,
                 spot_stage.o.valid, spot_queue.o.valid, spot_queue.counts.valid, centre.o.valid,
-                recentre.o.valid, epipolar.o.valid, depth.o.valid, point_fifo.i.valid,
-                point_fifo.o.valid & point_fifo.o.ready).any()),
+                undistort.o.valid, match_stage.o.valid, epipolar.o.valid, depth.o.valid).any()),
+            numbers.w_en.eq(announces),
+            numbers.w_data.eq(known_of_it.number),
+            numbers.r_en.eq(ends),
+            self.number.eq(numbers.r_data),
         ]
         with m.If(begins & ~ends):
             m.d.sync += under_way.eq(under_way + 1)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from model.link.points import POINT, PatternFrame
+from model.link.quota import within_quota
 from model.preprocessing.binarise import binarise
 from model.preprocessing.centre import centres
 from model.preprocessing.erosion import erode
@@ -13,7 +14,7 @@ from model.preprocessing.threshold import threshold
 from model.preprocessing.two_pass_labelling import label_in_two_passes
 from model.stereo.depth import inverse_depth
 from model.stereo.epipolar import match
-from model.stereo.recentre import recentre
+from model.stereo.undistort import undistort
 
 __all__ = ["LABELS", "Paper", "corrected_spots"]
 
@@ -68,11 +69,13 @@ class Paper:
         Sensor size in pixels.
     labels : :class:`int`
         Provisional labels of a frame.
+    points_max : :class:`int`
+        Ok points of a frame that are sent; 0 is no limit.
     """
 
-    def __init__(self, settings, width, height, labels=LABELS):
+    def __init__(self, settings, width, height, labels=LABELS, points_max=0):
         self.settings, self.width, self.height = settings, width, height
-        self.labels = labels
+        self.labels, self.points_max = labels, points_max
         self.number = 0
 
     def frame(self, image):
@@ -100,12 +103,14 @@ class Paper:
         settings = self.settings
         level, spots, counts = corrected_spots(image, settings, self.labels)
         u, v = centres(spots, settings.reciprocal)
-        x, y, inside = recentre(u, v, self.width, self.height)
+        x, y, inside = undistort(u, v, settings, self.width, self.height)
         status, beam = match(x, y, spots["rejected"] | ~inside, settings.line, settings.window)
         status, beam, inverse_z = inverse_depth(x, beam, status, settings.depth)
         points = np.zeros(len(spots), POINT)
         points["status"], points["beam"], points["inverse_z"] = status, beam, inverse_z
         points["area"], points["u"], points["v"] = spots["area"], u, v
+        points, beyond = within_quota(points, self.points_max)
+        dropped = min(counts["dropped"] + beyond, _COUNT_LIMIT)
         number, self.number = self.number, (self.number + 1) & 0xFFFF
         return PatternFrame(points=points, number=number, level=level, spots=counts["spots"],
-                            rejected=counts["rejected"], dropped=counts["dropped"])
+                            rejected=counts["rejected"], dropped=dropped)

@@ -153,7 +153,7 @@ class PaperBench:
         table = np.asarray(settings.remap)
         self._load(kind=_MEMORY, memory_write=1, memory_lanes=0b1111,
                    memory_address=REMAP_BASE + np.arange(len(table)), memory_data=table)
-        for select, words in ((0, settings.depth), (1, settings.reciprocal)):
+        for select, words in enumerate((settings.depth, settings.reciprocal, settings.radial)):
             self._load(kind=_TABLE, table_select=select, table_address=np.arange(len(words)),
                        table_word=np.array(words, object))
         beams = [line | window << 36

@@ -173,7 +173,9 @@ class Points(wiring.Component):
         in_check = Signal()
         m.d.comb += [
             wide.eq(counts.spots[8:].any()),
-            field.eq(fields.bit_select(index[:8], 1)),
+            # In two steps, so that what stands in two places costs once.
+            field.eq(Cat(fields[at:at + 16].bit_select(index[:4], 1) for at in range(0, 256, 16))
+                     .bit_select(index[4:8], 1)),
             in_check.eq(tail & (index[4:8] == 7)),
             # A CRC that is fed with what it gives, inverted, shifts out unchanged.
             check.valid.eq(Mux(

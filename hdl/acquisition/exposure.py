@@ -4,7 +4,15 @@ from amaranth import *
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-__all__ = ["Exposure"]
+__all__ = ["Exposure", "clocks_per_us"]
+
+
+def clocks_per_us(clock_hz):
+    """Clocks of a microsecond; ValueError if they are not a whole number."""
+    if not isinstance(clock_hz, int) or clock_hz < 1_000_000 or clock_hz % 1_000_000:
+        raise ValueError(
+            f"The clock must be a whole number of megahertz, in hertz, not {clock_hz!r}")
+    return clock_hz // 1_000_000
 
 
 class Exposure(wiring.Component):
@@ -51,10 +59,7 @@ class Exposure(wiring.Component):
     latency = 1
 
     def __init__(self, clock_hz):
-        if not isinstance(clock_hz, int) or clock_hz < 1_000_000 or clock_hz % 1_000_000:
-            raise ValueError(
-                f"The clock must be a whole number of megahertz, in hertz, not {clock_hz!r}")
-        self.clocks = clock_hz // 1_000_000
+        self.clocks = clocks_per_us(clock_hz)
         super().__init__({
             "start": In(1),
             "reset_us": In(16),

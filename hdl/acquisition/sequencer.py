@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from ..payloads import FrameTag
 from ..protocol import Mode
-from .exposure import Exposure
+from .exposure import Exposure, clocks_per_us
 
 __all__ = ["Sequencer"]
 
@@ -94,10 +94,10 @@ class Sequencer(wiring.Component):
     latency = 2
 
     def __init__(self, clock_hz=16_000_000, begin_us=5000, frame_us=20_000, warm_up_us=100_000):
-        self.exposure = Exposure(clock_hz)
-        if self.exposure.clocks < 4:
+        self.clock_hz, self.clocks = clock_hz, clocks_per_us(clock_hz)
+        if self.clocks < 4:
             raise ValueError("The sequencer needs 4 clocks a microsecond, but a clock of "
-                             f"{clock_hz} Hz gives {self.exposure.clocks}")
+                             f"{clock_hz} Hz gives {self.clocks}")
         for name, value in (("a frame's first pixel", begin_us), ("a frame", frame_us)):
             if not isinstance(value, int) or not 2 <= value <= 65_535:
                 raise ValueError(f"The time for {name} must be an integer from 2 to 65535 "
@@ -138,14 +138,14 @@ class Sequencer(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.exposure = exposure = self.exposure
+        m.submodules.exposure = exposure = Exposure(self.clock_hz)
         m.d.comb += [getattr(self, name).eq(getattr(exposure, name)) for name in (
             "sensor_reset", "sensor_integrate", "sensor_read", "laser_request")]
 
         # Time.
-        prescaler = Signal(range(exposure.clocks))
+        prescaler = Signal(range(self.clocks))
         tick = Signal()  # a microsecond's last clock
-        m.d.comb += tick.eq(prescaler == exposure.clocks - 1)
+        m.d.comb += tick.eq(prescaler == self.clocks - 1)
         m.d.sync += prescaler.eq(Mux(tick, 0, prescaler + 1))
         remaining = Signal(16)  # microseconds to the next pair
         waited = Signal(range(self.frame_us + 1))  # microseconds since the integration

@@ -199,7 +199,7 @@ class SequencerBench(Bench):
 
 
 def frame(begun=8, length=60, whole=True, tail=3):
-    return begun, begun + length, whole, begun + length + tail
+    return begun, begun + length, whole, begun + max(1, length + tail)
 
 
 def random_plan(rng, clocks, count=400):
@@ -208,7 +208,7 @@ def random_plan(rng, clocks, count=400):
     plan = []
     for _ in range(count):
         kind = rng.choice(["whole"] * 4 + ["broken", "silent", "stops", "late", "slow", "hangs"])
-        begun, length = int(rng.integers(2, 20)), int(rng.integers(5, 60))
+        begun, length = int(rng.integers(1, 20)), int(rng.integers(1, 60))
         if kind == "silent":
             plan.append((None, None, True, 0))
         elif kind == "stops":
@@ -220,6 +220,8 @@ def random_plan(rng, clocks, count=400):
         elif kind == "hangs":  # frame_valid does not fall
             plan.append(frame(begun, length, bool(rng.integers(2)), 3 * limit))
         else:
+            if rng.random() < 0.3:  # over before `sensor_read` is
+                begun = length = 1
             plan.append(frame(begun, length, kind == "whole", int(rng.integers(-4, 40))))
     return plan
 

@@ -23,6 +23,7 @@ from .common.stage import Stage
 from .common.table_memory import TableMemory
 from .config import Config
 from .link.points import Points
+from .link.quota import Quota
 from .link.transmitter import Transmitter
 from .payloads import COORDINATE_BITS, FrameInfo, FrameTag, PacketOctet, Spot, Undistorted
 from .preprocessing.binarise import Binarise
@@ -61,6 +62,7 @@ REGISTERS = {
     "divisor": 16,
     "full_records": 1,
     "texture_enable": 1,
+    "points_max": 8,
 }
 #: How the host reaches the tables.
 TABLE_PORT = {
@@ -113,6 +115,8 @@ class Capsule(wiring.Component):
         The serial pin, 8N1, at ``divisor`` clocks a bit; may it send.
     busy : :py:`Out(1)`
         The spot side needs its clock.
+    wake : :py:`In(1)`
+        Registers may be about to change: lets the spot side's clock go on to hear of it.
     idle : :py:`Out(1)`
         No pattern frame passes, and no spot is under way: tables and registers may change.
     frame_begun, frame_ended, frame_broken : :py:`Out(1)`
@@ -151,6 +155,7 @@ class Capsule(wiring.Component):
             "tx": Out(1, init=1),
             "cts": In(1),
             "busy": Out(1),
+            "wake": In(1),
             "idle": Out(1),
             "frame_begun": Out(1),
             "frame_ended": Out(1),
@@ -240,17 +245,21 @@ class Capsule(wiring.Component):
         m.submodules.match_stage = match_stage = spot_side(Stage(Undistorted))
         m.submodules.epipolar = epipolar = spot_side(Epipolar(config.beams, config.lanes))
         m.submodules.depth = depth = spot_side(Depth())
+        m.submodules.quota = quota = spot_side(Quota(_FRAMES_IN_FLIGHT))
         m.submodules.point_fifo = point_fifo = spot_side(PointFIFO())
         connect(m, centre.o, undistort.i)
         connect(m, undistort.o, match_stage.i)
         connect(m, match_stage.o, epipolar.i)
         connect(m, epipolar.o, depth.i)
-        connect(m, depth.o, point_fifo.i)
+        connect(m, depth.o, quota.i)
+        connect(m, spot_queue.counts, quota.counts_i)
+        connect(m, quota.o, point_fifo.i)
         m.d.comb += [
             undistort.principal_u.eq(register["principal_u"]),
             undistort.principal_v.eq(register["principal_v"]),
             undistort.tangential_1.eq(register["tangential_1"]),
             undistort.tangential_2.eq(register["tangential_2"]),
+            quota.limit.eq(register["points_max"]),
         ]
 
         # Tables. Depth and reciprocals share a memory, each block with a port of its own.
@@ -292,7 +301,7 @@ class Capsule(wiring.Component):
         m.submodules.points = points = spot_side(Points())
         m.submodules.transmitter = transmitter = Transmitter(**size)
         connect(m, point_fifo.o, points.i)
-        connect(m, spot_queue.counts, points.counts)
+        connect(m, quota.counts_o, points.counts)
         connect(m, frame_info.r_stream, points.info)
         connect(m, points.o, transmitter.points)
         connect(m, wiring.flipped(self.reply), transmitter.reply)
@@ -323,8 +332,8 @@ class Capsule(wiring.Component):
                 labelling.o.valid, spot_stage.o.valid, spot_queue.o.valid, centre.o.valid,
                 undistort.o.valid, match_stage.o.valid, epipolar.o.valid, depth.o.valid).any()),
             moves.eq(Cat(
-                spots_move, self.table_write, self.table_read, gate.info.valid, histogram.closed,
-                learning, histogram.done, histogram.lost, point_fifo.i.valid,
+                spots_move, self.wake, self.table_write, self.table_read, gate.info.valid,
+                histogram.closed, learning, histogram.done, histogram.lost, point_fifo.i.valid,
                 point_fifo.o.valid & points.i.ready, points.o.valid & points.o.ready).any()),
             self.busy.eq(moves | linger.any()),
             self.idle.eq(~pattern & ~spots_move & (quiet == 0)),

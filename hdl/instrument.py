@@ -135,6 +135,7 @@ class Instrument(wiring.Component):
             measure.cts.eq(cts),
             self.tx.eq(measure.tx),
             self.busy.eq(measure.busy),
+            measure.wake.eq(sequencer.frame_start),
             sequencer.frame_begun.eq(measure.frame_begun),
             sequencer.frame_ended.eq(measure.frame_ended),
             sequencer.frame_broken.eq(measure.frame_broken),

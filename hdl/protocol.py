@@ -198,6 +198,8 @@ def registers(clock_hz=16_000_000, baud=115_200):
         Register(0x21, "full_records", 1, 0, "send points as records of 9 octets with beam and "
                  "1/z"),
         Register(0x22, "texture_enable", 1, 1, "send texture"),
+        Register(0x23, "points_max", 8, 72, "ok points of a frame that are sent, the first ones; "
+                 "0 is no limit"),
     )
 
 

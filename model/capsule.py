@@ -3,6 +3,7 @@
 import numpy as np
 
 from model.link.points import POINT, PatternFrame
+from model.link.quota import within_quota
 from model.preprocessing.binarise import binarise
 from model.preprocessing.centre import centres
 from model.preprocessing.erosion import erode
@@ -30,10 +31,13 @@ class Capsule:
         Registers and tables.
     width, height : :class:`int`
         Sensor size in pixels.
+    points_max : :class:`int`
+        Ok points of a frame that are sent; 0 is no limit.
     """
 
-    def __init__(self, settings, width, height):
+    def __init__(self, settings, width, height, points_max=0):
         self.settings, self.width, self.height = settings, width, height
+        self.points_max = points_max
         self.number = 0
         self._level = None
 
@@ -82,5 +86,6 @@ class Capsule:
         points = np.zeros(len(spots), POINT)
         points["status"], points["beam"], points["inverse_z"] = status, beam, inverse_z
         points["area"], points["u"], points["v"] = spots["area"], u, v
-        return PatternFrame(points=points, number=self.number, level=level,
+        points, dropped = within_quota(points, self.points_max)
+        return PatternFrame(points=points, number=self.number, level=level, dropped=dropped,
                             spots=counts["spots"], rejected=counts["rejected"])

@@ -79,8 +79,8 @@ BLOCKS = tuple(Block(name, unit) for unit, names in {
                    "frame_banks frame_memory",
     "preprocessing": "histogram threshold remap binarise erosion labelling two_pass_labelling "
                      "spot_queue centre",
-    "stereo": "undistort recentre epipolar depth",
-    "link": "points texture scheduler framer uart_tx transmitter uart_rx receiver registers "
+    "stereo": "undistort epipolar depth",
+    "link": "quota points texture scheduler framer uart_tx transmitter uart_rx receiver registers "
             "commands",
     "display": "marks vga",
     "common": "table_memory stage point_fifo sram",

@@ -76,7 +76,7 @@ def _chosen(arguments):
     return chosen
 
 
-def _signed(name, value):
+def signed(name, value):
     register = REGISTERS[name]
     return value - (1 << register.bits) if (
         register.signed and value >> register.bits - 1) else value
@@ -167,7 +167,7 @@ def main(arguments):
     if arguments.calibration is not None:
         from calibration import file
         calibration = file.load(arguments.calibration)
-        chosen = {**{name: _signed(name, value)
+        chosen = {**{name: signed(name, value)
                      for name, value in calibration.settings.registers().items()}, **chosen}
     with open_port(arguments.port, arguments.baud, arguments.rtscts) as port:
         commands = Commands(port)

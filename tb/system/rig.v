@@ -132,8 +132,8 @@ module rig #(
         .erosion_mode(erosion_mode), .weighted(weighted), .area_min(area_min),
         .area_max(area_max), .report_rejected(report_rejected), .principal_u(principal_u),
         .principal_v(principal_v), .tangential_1(tangential_1), .tangential_2(tangential_2),
-        .divisor(divisor), .full_records(full_records), .texture_enable(1'b0), .cts(1'b1),
-        .tag(0), .tripped(1'b0), .tables_valid(1'b1), .reply_valid(1'b0), .reply_payload(0),
+        .divisor(divisor), .full_records(full_records), .texture_enable(1'b0), .points_max(8'd0), .cts(1'b1),
+        .wake(1'b0), .tag(0), .tripped(1'b0), .tables_valid(1'b1), .reply_valid(1'b0), .reply_payload(0),
         .table_write(table_write), .table_read(1'b0), .bank(bank),
         .table_select(table_select),
         .table_address(table_address), .table_data(table_data)

@@ -1,0 +1,274 @@
+"""The whole instrument: imager, laser and host around the RTL, natively."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hdl.config import Config
+from hdl.protocol import GUARD_CAUSES, Mode, Reason
+from model.capsule import Capsule as Model
+from scripts.commands import RefusedError
+from tb.system.stimuli import any_settings, random_frame, spot_frame
+from tb.system.whole import Whole
+
+SMALL = Config(width=64, height=64, beams=16, lanes=2, spot_depth=512, baud=2_000_000)
+PERIOD_US = 40_000
+
+
+def small(seed=1, **changes):
+    return any_settings(64, 64, SMALL.beams, seed, **{
+        "area_min": 2, "report_rejected": False, **changes})
+
+
+def spots(seed, count=6):
+    return [spot_frame(64, 64, 10 * seed + n, spots=12) for n in range(count)]
+
+
+@pytest.mark.parametrize("full_records", [0, 1])
+@pytest.mark.parametrize("seed,blanking", [(1, 0), (2, 48)])
+def test_pairs_reach_the_reader(seed, blanking, full_records):
+    """Pattern and texture in turn, every 40 ms to the clock; every point is the model's."""
+    images = [random_frame(64, 64, 5 * seed + n) for n in range(10)]
+    texture = np.random.default_rng(seed).integers(0, 256, (64, 64)).astype(np.uint8)
+    bench = Whole(SMALL, small(seed), images, texture, full_records=full_records,
+                  mode=Mode.CONTINUOUS, line_blanking=blanking)
+    bench.run(10.5 * PERIOD_US)
+    bench.assert_link_is_clean()
+    bench.assert_frames_are_the_model_s()
+    assert bench.assert_light_is_safe() >= 8
+    lit = [frame for frame in bench.frames if frame.laser]
+    assert len(lit) >= 10 and lit == bench.frames[-len(lit):]
+    assert set(np.diff([frame.timestamp_us for frame in lit])) == {PERIOD_US}
+    assert [frame.index for frame in bench.textures] == [
+        frame.index + 1 for frame in lit][:len(bench.textures)]
+    assert all(frame.exposure_us == 10_000 and not frame.laser for frame in bench.textures)
+    assert bench.decoder.packets > len(bench.frames) + 2 * len(bench.textures)
+
+
+@pytest.mark.parametrize("kind", ["isolated pixels", "white", "black", "largest areas", "points"])
+def test_video_rate(kind):
+    """25 pairs a second at CIF, pixels at 8 MHz, the system at 16 MHz, 115,200 baud: a pattern
+    every 640,000 clocks whatever it shows, and every one of them told."""
+    config = Config()
+    row, column = np.mgrid[:288, :352]
+    image = {
+        "isolated pixels": np.where((row % 2 == 0) & (column % 2 == 0), 200, 20),
+        "white": np.full((288, 352), 255), "black": np.zeros((288, 352)),
+        "largest areas": np.where((row % 17 < 15) & (column % 18 < 16), 220, 20),
+        "points": spot_frame(352, 288, 5, spots=49),
+    }[kind].astype(np.uint8)
+    settings = any_settings(352, 288, config.beams, 3, level_fixed=100, area_min=1,
+                            report_rejected=False, erosion="off")
+    bench = Whole(config, settings, [image], mode=Mode.CONTINUOUS)
+    bench.run(7 * PERIOD_US)
+    bench.assert_link_is_clean()
+    status = bench.commands.status()
+    assert (status["timeouts"], status["bad_sync"], status["overrun"]) == (0, 0, 0)
+    lit = [frame for frame in bench.frames if frame.laser]
+    assert len(lit) >= 5
+    # Dark patterns before the first lit one come without a pause, and may cost a texture.
+    assert status["skipped"] == sum(
+        frame.skipped for frame in bench.frames + bench.textures if frame.index <= lit[0].index + 1)
+    assert set(np.diff([frame.timestamp_us for frame in lit])) == {PERIOD_US}
+    assert set(np.diff(bench.instrument.pulses[:, 0])) == {16 * PERIOD_US}
+    assert set(np.diff([frame.index for frame in bench.frames if frame.laser])) == {2}
+    assert all(frame.spots == lit[0].spots for frame in lit)
+    if kind == "points":
+        bench.assert_frames_are_the_model_s()
+
+
+@pytest.mark.parametrize("seed", [3])
+def test_silent_sensor_loses_the_laser_and_gets_it_back(seed):
+    """Disarmed and flagged within two periods; good frames again within two more."""
+    bench = Whole(SMALL, small(seed), spots(seed), mode=Mode.CONTINUOUS)
+    bench.run(4.6 * PERIOD_US)
+    bench.instrument.silence(True)
+    bench.run(2 * PERIOD_US)
+    silent_from = bench.now_us
+    status = bench.commands.status()
+    assert not status["state"].armed and status["state"].silent and status["timeouts"]
+    bench.run(4 * PERIOD_US)
+    bench.instrument.silence(False)
+    back = bench.now_us
+    frames = len(bench.frames)
+    bench.run(2 * PERIOD_US + 15_000)
+    assert bench.commands.status()["state"].armed
+    new = bench.frames[frames:]
+    assert any(frame.laser and frame.verified for frame in new)
+    assert min(frame.timestamp_us for frame in new if frame.laser) <= back + 2 * PERIOD_US
+    pulses = bench.instrument.pulses[:, 0] / 16
+    assert not ((pulses > silent_from) & (pulses < back)).any()
+    assert "heartbeat" not in GUARD_CAUSES or new[-1].tripped == bool(
+        bench.commands.status()["guard_causes"])
+    bench.assert_light_is_safe()
+    bench.assert_link_is_clean()
+    assert all(frame.balanced for frame in bench.frames)
+
+
+@pytest.mark.parametrize("fault", ["short line", "long line", "short frame", "one line"])
+def test_bad_sync_costs_one_frame(fault):
+    """Flagged; the next frame is the model's; nothing else is lost."""
+    bench = Whole(SMALL, small(4), spots(4), mode=Mode.CONTINUOUS, line_blanking=4)
+    bench.run(4 * PERIOD_US)
+    bench.take()
+    while bench.shown[-1][0] is not None:  # the next frame is a pattern
+        bench.run(1000)
+    before = len(bench.shown)
+    if "line" in fault:
+        bench.instrument.short_row(30, {"short line": 3, "long line": -2, "one line": 63}[fault])
+    else:
+        bench.instrument.stop_row(40)
+    bench.run(5 * PERIOD_US)
+    bench.assert_link_is_clean()
+    bad = [frame for frame in bench.frames if frame.broken]
+    assert len(bad) == 1 and all(frame.balanced for frame in bench.frames)
+    assert bench.shown[before][0] is not None
+    later = [frame for frame in bench.frames if frame.index > bad[0].index]
+    assert later[0].index == bad[0].index + 2 and later[0].ok + later[0].noise > 0
+    assert bench.commands.status()["bad_sync"] == 1
+    # What the model says of these images, at the level that the chip had learnt before.
+    assert len(later) >= 3 and all(frame.verified for frame in later)
+
+
+def test_no_tables_no_light():
+    """Uncommitted or damaged tables keep the laser off; calibration capture lights it for a while,
+    and says so in each frame."""
+    bench = Whole(SMALL, small(6), spots(6), load=False, mode=Mode.CONTINUOUS)
+    bench.run(3 * PERIOD_US)
+    assert not len(bench.instrument.pulses)
+    assert not any(frame.laser or frame.tables_valid for frame in bench.frames)
+
+    def damage(words):
+        changed = {name: list(values) for name, values in words.items()}
+        changed["beams"][7] ^= 1 << 20
+        return changed
+
+    bench.commands.write("mode", Mode.STOP)
+    bench.run(2 * PERIOD_US)
+    with pytest.raises(RefusedError) as refused:
+        bench.load(bench.settings, damage)
+    assert refused.value.reason == Reason.DAMAGED_TABLE
+    bench.commands.write("mode", Mode.CONTINUOUS)
+    bench.run(3 * PERIOD_US)
+    assert not len(bench.instrument.pulses) and not bench.commands.status()["state"].armed
+
+    bench.commands.capture(130)
+    bench.run(6 * PERIOD_US)
+    pulses = bench.assert_light_is_safe()
+    assert 2 <= pulses <= 4
+    lit = [frame for frame in bench.frames if frame.laser]
+    assert len(lit) == pulses and all(frame.capture and not frame.tables_valid for frame in lit)
+    assert not bench.frames[-1].laser and not bench.frames[-1].capture
+    bench.assert_link_is_clean()
+
+
+def test_tables_change_between_frames():
+    """A second set of tables is loaded while frames pass: each frame is the model's with the one
+    or with the other, and they change once."""
+    one, other = small(7, level_fixed=60), small(8, level_fixed=60)
+    other = replace(other, **{name: getattr(one, name) for name in (
+        "principal_u", "principal_v", "tangential_1", "tangential_2")})
+    bench = Whole(SMALL, one, spots(7), mode=Mode.CONTINUOUS, full_records=1)
+    bench.decoder.rebuild = None
+    bench.run(4 * PERIOD_US)
+    bench.load(other, reciprocals=False)
+    bench.run(4 * PERIOD_US)
+    models = [Model(settings, 64, 64) for settings in (one, other)]
+    sets = []
+    for frame in bench.frames:
+        wanted = [model.frame(bench.shown[frame.index][0]).points for model in models]
+        fits = [np.array_equal(frame.points, points) for points in wanted]
+        assert sum(fits) == 1, f"frame {frame.index}"
+        sets.append(fits.index(True))
+    assert sets == sorted(sets) and sum(sets) >= 3
+    bench.assert_link_is_clean()
+
+
+@pytest.mark.parametrize("mode", [Mode.SINGLE, Mode.PATTERN])
+def test_modes(mode):
+    bench = Whole(SMALL, small(9), spots(9), period_us=20_000, mode=mode)
+    bench.run(6 * 20_000)
+    if mode == Mode.SINGLE:
+        assert [frame.laser for frame in bench.frames].count(True) == 1
+        assert len(bench.textures) == 1 and bench.commands.read("mode") == Mode.STOP
+    else:
+        lit = [frame for frame in bench.frames if frame.laser]
+        assert len(lit) >= 4 and not bench.textures
+        assert set(np.diff([frame.timestamp_us for frame in lit])) == {20_000}
+    bench.assert_frames_are_the_model_s()
+    bench.assert_light_is_safe()
+    bench.assert_link_is_clean()
+
+
+def test_exposure_changes_with_its_frame():
+    """From the frame on that says so, and with no other."""
+    bench = Whole(SMALL, small(10, level_fixed=80), spots(10), mode=Mode.CONTINUOUS)
+    bench.run(3 * PERIOD_US)
+    bench.commands.write("pattern_us", 321)
+    bench.commands.write("texture_us", 7654)
+    bench.run(4 * PERIOD_US)
+    bench.assert_frames_are_the_model_s()
+    assert {frame.exposure_us for frame in bench.frames} == {500, 321}
+    assert {frame.exposure_us for frame in bench.textures} == {10_000, 7654}
+    bench.assert_light_is_safe()
+
+
+def test_too_long_a_pattern_is_cut():
+    """A register beyond the ceiling: one millisecond of light in 40, flagged."""
+    bench = Whole(SMALL, small(11, level_fixed=80), spots(11), mode=Mode.CONTINUOUS,
+                  pattern_us=2500)
+    bench.run(5 * PERIOD_US)
+    assert bench.assert_light_is_safe() >= 3
+    assert bench.commands.status()["guard_causes"] & 1 << GUARD_CAUSES.index("pulse")
+    assert bench.frames[-1].tripped and bench.frames[-1].laser
+    bench.commands.write("pattern_us", 500)
+    bench.run(2 * PERIOD_US)
+    bench.commands.clear()
+    bench.run(2 * PERIOD_US)
+    assert bench.frames[-1].laser and not bench.frames[-1].tripped
+
+
+def test_clear_to_send_holds_and_loses_nothing_but_time():
+    """No octet while CTS is low, but the one on the line; all that came is whole."""
+    bench = Whole(SMALL, small(12), spots(12), mode=Mode.CONTINUOUS)
+    bench.run(3 * PERIOD_US)
+    bench.instrument.clear_to_send(False)
+    bench.run(100)
+    held = len(bench.line.record)
+    bench.run(2 * PERIOD_US)
+    assert len(bench.line.record) == held
+    bench.instrument.clear_to_send(True)
+    bench.run(5 * PERIOD_US)
+    bench.assert_link_is_clean()
+    assert all(frame.balanced and frame.verified for frame in bench.frames)
+    assert bench.frames[-1].laser
+
+
+def test_gaps_between_packets():
+    """Three character times of rest between packets, none within, on the serial pin."""
+    bench = Whole(Config(width=64, height=64, beams=16, lanes=2), small(13), spots(13),
+                  mode=Mode.CONTINUOUS)
+    octets, stamps = bytearray(), []
+    for _ in range(400):
+        bench.instrument.run(500)
+        octets += bench.instrument.receive()
+        stamps += list(bench.instrument.stamps)
+    bit = round(16e6 / 115_200)
+    # Delimiters come in pairs: one closes, the next one opens.
+    zeros = [at for at, octet in enumerate(octets) if octet == 0]
+    assert len(zeros) > 40
+    at = next(at for at in zeros if octets[at + 1] == 0)
+    opens = at + 1
+    packets = 0
+    while True:
+        closes = octets.find(0, opens + 1)
+        if closes < 0 or closes + 1 >= len(octets):
+            break
+        assert closes - opens + 1 <= 100
+        assert set(np.diff(np.array(stamps[opens:closes + 1], np.int64))) == {10 * bit}
+        assert stamps[closes + 1] - (stamps[closes] + 10 * bit) >= 30 * bit
+        assert octets[closes + 1] == 0
+        opens = closes + 1
+        packets += 1
+    assert packets > 20

@@ -33,11 +33,11 @@ from .stereo.depth import Depth
 from .stereo.epipolar import Epipolar
 from .stereo.undistort import Undistort
 
-__all__ = ["LABEL_BASE", "REGISTERS", "REMAP_BASE", "PaperPoints"]
+__all__ = ["FREE_BASE", "LABEL_BASE", "REGISTERS", "REMAP_BASE", "PaperPoints"]
 
-#: Words of the external memory: the table of places, a word for each pixel of the corrected
-#: image, and the image of labels, two to a word.
-REMAP_BASE, LABEL_BASE = 0, 1 << 18
+#: First words in the external memory of the table of places, a word for each pixel of the corrected
+#: image, of the image of labels, two to a word, and of what is free.
+REMAP_BASE, LABEL_BASE, FREE_BASE = 0, 1 << 18, 3 << 17
 #: Clocks from spot to spot: as many as the slowest takes to become a point, so that the burst in
 #: which labelling reports a frame does not flood the queue.
 _SPOT_CLOCKS = 22
@@ -226,7 +226,7 @@ class PaperPoints(wiring.Component):
         m.submodules.binarise = binarise = Binarise(8)
         m.submodules.erosion = erosion = Erosion(config.width)
         m.submodules.labelling = labelling = TwoPassLabelling(
-            **size, labels=config.labels, base=LABEL_BASE)
+            **size, labels=config.labels, base=LABEL_BASE, interval=_SPOT_CLOCKS)
         m.submodules.spot_stage = spot_stage = spot_side(Stage(Spot))
         m.submodules.spot_queue = spot_queue = spot_side(SpotQueue(config.spot_depth))
         m.submodules.centre = centre = spot_side(Centring())
@@ -238,18 +238,7 @@ class PaperPoints(wiring.Component):
         connect(m, remap.o, binarise.i)
         connect(m, binarise.o, erosion.i)
         connect(m, erosion.o, labelling.i)
-        pause = Signal(range(_SPOT_CLOCKS))
-        paused = Signal()
-        m.d.comb += [
-            paused.eq(pause.any()),
-            spot_stage.i.valid.eq(labelling.o.valid & ~paused),
-            spot_stage.i.payload.eq(labelling.o.payload),
-            labelling.o.ready.eq(spot_stage.i.ready & ~paused),
-        ]
-        with m.If(spot_stage.i.valid & spot_stage.i.ready & ~labelling.o.p.end):
-            m.d.sync += pause.eq(_SPOT_CLOCKS - 1)
-        with m.Elif(paused):
-            m.d.sync += pause.eq(pause - 1)
+        connect(m, labelling.o, spot_stage.i)
         connect(m, spot_stage.o, spot_queue.i)
         connect(m, spot_queue.o, centre.i)
         connect(m, labelling.command, flipped(self.command[0]))

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from scripts.errors import UserError
-from scripts.points import STATUS
+from scripts.points import POINT, STATUS
 
-__all__ = ["TRUTH", "WRONG", "Accuracy", "compare", "load_truth"]
+__all__ = ["TRUTH", "WRONG", "Accuracy", "compare", "load_points", "load_truth"]
 
 #: An ok point further off than this share of its depth is wrong.
 WRONG = 0.05
@@ -61,6 +61,19 @@ def load_truth(path):
             f"{path} cannot be read as a table with the columns {','.join(_COLUMNS)}: "
             "delete it or simulate again.") from error
     return truth
+
+
+def load_points(path):
+    """``points.csv`` as an array of :data:`scripts.points.POINT`, its spots that have a status."""
+    with open(path, newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["status"] in STATUS]
+    points = np.zeros(len(rows), POINT)
+    for name, column in (("frame", "frame"), ("beam", "beam"), ("u", "u_px"), ("v", "v_px"),
+                         ("area", "area_px"), ("x", "x_mm"), ("y", "y_mm"), ("z", "z_mm")):
+        empty = -1 if name == "beam" else np.nan
+        points[name] = [float(row[column]) if row[column] else empty for row in rows]
+    points["status"] = [STATUS.index(row["status"]) for row in rows]
+    return points
 
 
 def _errors(points, truth):

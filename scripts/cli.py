@@ -19,6 +19,7 @@ COMMANDS = {
     "simulate": ("scripts.simulate", "write a capture folder of a simulated rig"),
     "calibrate": ("scripts.calibrate", "learn a rig from its capture folder"),
     "run": ("scripts.run", "measure frames: 3-D points, pictures and a summary"),
+    "emulate": ("scripts.emulate", "put the simulated instrument behind a pseudo-terminal"),
     "load": ("scripts.load", "load a calibration into the chip, start and stop it"),
     "receive": ("scripts.receive", "receive from the chip: points, textures, a recording"),
     "status": ("scripts.status", "what the chip is and does, all its counters"),

@@ -1,8 +1,9 @@
-"""``make demo``: a rig that does not exist, from its capture folder to 3-D points.
+"""``make demo``: an instrument that does not exist, from its imager's pins to 3-D points.
 
-Simulates a capsule that looks at a polyp on a gut wall, calibrates it from its own capture, and
-measures the frames with the RTL. Capture and calibration are kept until the programs that made
-them change.
+Simulates a capsule's capture and calibrates it. Then the whole instrument runs as RTL: an imager
+looks at a polyp on a gut wall, the sequencer exposes it with and without the laser, and what comes
+out of the serial line is received and held against the truth. Capture and calibration are kept
+until the programs that made them change.
 """
 
 import hashlib
@@ -26,13 +27,18 @@ _MAKERS = ("calibration", "model", "scripts/simulate.py", "scripts/calibrate.py"
 _LEFT = (
     ("result/point_cloud.png", "the point cloud, from several sides"),
     ("result/depth_error.png", "errors against the truth, over depth and over the image"),
-    ("result/frames/", "every frame with spots, beams and epipolar lines"),
+    ("result/frames/", "pattern frames with spots, beams and epipolar lines"),
+    ("result/texture.png", "the texture as far as it has come"),
     ("result/points.csv", "one row per spot"),
     ("result/points.ply", "the point cloud for MeshLab, CloudCompare or Blender"),
-    ("result/summary.txt", "the tables above, all frames"),
+    ("result/frames.csv", "one row per frame: exposure, time, laser, counts"),
+    ("result/link.raw", "all octets of the serial line"),
+    ("result/truth.csv", "what the imager really looked at"),
     ("calibration.json", "what the chip was loaded with"),
     ("calibration.png", "how well lens and beams were learnt"),
     ("capture/", "the simulated capture; a capture of yours looks the same"))
+#: Pairs of frames to receive, and scenes that they show in turn.
+_FRAMES, _SCENES = 24, 12
 
 
 def _stamp():
@@ -75,20 +81,69 @@ def prepare(folder):
     return capture, calibration
 
 
-def _measure(folder, capture, calibration, engine):
-    from scripts.run import run
+def _run_instrument(folder, calibration):
+    """Load the instrument, start it, receive from it; gives the emulator."""
+    from model.optics.rigs import RIGS
+    from scripts.emulate import Emulator
+    from scripts.terminal import Terminal
+
     result = folder / "result"
     shutil.rmtree(result, ignore_errors=True)
-    _show("run", capture, "--calibration", calibration, "--engine", engine, "-o", result)
-    return run([capture], calibration, result, engine)
+    print("building and starting the instrument", flush=True)
+    emulator = Emulator("polyp", RIGS["capsule"], seed=2, scenes=_SCENES)
+    with Terminal(emulator, speed=None) as terminal:
+        _command("load", terminal.path, calibration, "--start")
+        _command("receive", terminal.path, "--calibration", calibration, "--frames", _FRAMES, "-o",
+                 result)
+    return emulator
 
 
-def main(folder=FOLDER, engine="rtl"):
+def _judge(folder, calibration_path, emulator):
+    """Pictures, and points against truth: gives the accuracy."""
+    import csv
+
+    import numpy as np
+    from rich.console import Console
+
+    from calibration import file
+    from scripts.accuracy import compare, load_points, load_truth
+    from scripts.pictures import beam_segments, draw_frame, write_picture
+    from scripts.plots import plot_cloud, plot_error
+    from scripts.points import Shown
+    from scripts.summary import accuracy_table
+
+    result = folder / "result"
+    calibration = file.load(calibration_path)
+    (result / "truth.csv").write_text("\n".join(emulator.truth()) + "\n")
+    points, truth = load_points(result / "points.csv"), load_truth(result / "truth.csv")
+    with open(result / "frames.csv", newline="") as table:
+        frames = [row for row in csv.DictReader(table)
+                  if row["kind"] == "pattern" and row["laser"] == "on"]
+    numbers = [int(row["number"]) for row in frames]
+    accuracy = compare(points, truth, numbers)
+    (result / "frames").mkdir()
+    segments = beam_segments(calibration)
+    for row, number in zip(frames, numbers, strict=True):
+        if number > numbers[0] + 2 * _SCENES - 2:
+            break
+        image = emulator.shown[number][0]
+        shown = Shown(number, result, None, *(int(row[name]) for name in (
+            "level", "spots", "rejected", "dropped")), points[points["frame"] == number])
+        write_picture(result / "frames" / f"{number:04}.png", draw_frame(image, shown, segments))
+    first = np.isin(points["frame"], numbers[:_SCENES])
+    plot_cloud(result / "point_cloud.png", points[first], calibration.columns)
+    plot_error(result / "depth_error.png", accuracy, calibration.width, calibration.height)
+    Console().print(accuracy_table({f"{len(numbers)} frames with the laser on": accuracy}))
+    return accuracy
+
+
+def main(folder=FOLDER):
     """Run the demonstration in a folder of its own; gives the exit status."""
     start = time.monotonic()
     try:
-        capture, calibration = prepare(folder)
-        _, accuracy = _measure(folder, capture, calibration, engine)
+        _, calibration = prepare(folder)
+        emulator = _run_instrument(folder, calibration)
+        accuracy = _judge(folder, calibration, emulator)
     except UserError as error:
         print(f"cyclope: {error}", file=sys.stderr)
         return 2

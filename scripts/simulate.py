@@ -6,11 +6,11 @@ from pathlib import Path
 
 from scripts.errors import UserError
 
-__all__ = ["add_arguments", "main"]
+__all__ = ["KINDS", "RIGS", "add_arguments", "main"]
 
 _MOST_FRAMES = 10000
-_KINDS = ("plane", "tilted", "polyp", "tube", "mixed")
-_RIGS = ("capsule", "demonstrator", "small")
+KINDS = ("plane", "tilted", "polyp", "tube", "mixed")
+RIGS = ("capsule", "demonstrator", "small")
 
 
 def add_arguments(parser):
@@ -31,10 +31,10 @@ def add_arguments(parser):
         "  capsule       352 x 288,  7 x 7 beams,   5 mm base,   40 to  110 mm\n"
         "  demonstrator  352 x 288,  7 x 7 beams, 150 mm base,  600 to 1100 mm\n"
         "  small          64 x 64,   4 x 4 beams,   5 mm base,   40 to  110 mm\n")
-    parser.add_argument("kind", metavar="KIND", choices=_KINDS, help="what the rig looks at")
+    parser.add_argument("kind", metavar="KIND", choices=KINDS, help="what the rig looks at")
     parser.add_argument("output", type=Path, metavar="OUT",
                         help="folder to create; it must not hold anything yet")
-    parser.add_argument("--rig", choices=_RIGS, default="capsule", help="default: capsule")
+    parser.add_argument("--rig", choices=RIGS, default="capsule", help="default: capsule")
     parser.add_argument("--seed", type=int, default=0, metavar="N",
                         help="of everything random, 0 or more; default: 0")
     parser.add_argument("--frames", type=int, default=10, metavar="N",

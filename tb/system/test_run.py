@@ -397,7 +397,7 @@ def test_help_is_quick_and_complete():
 
 def test_demo_again_keeps_what_is_there(prepared, capsys):
     before = prepared[1].stat().st_mtime_ns
-    assert demo.main(CACHE, engine="model") == 0
+    assert demo.main(CACHE) == 0
     said = capsys.readouterr().out
     assert "there already" in said and "mean error" in said and "point_cloud.png" in said
     assert prepared[1].stat().st_mtime_ns == before

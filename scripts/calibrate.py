@@ -31,6 +31,10 @@ def add_arguments(parser):
     parser.add_argument(
         "--centre", choices=("weighted", "binary"),
         help="weigh the pixels by their grey value above the threshold (default), or all alike")
+    parser.add_argument(
+        "--preset", choices=("capsule", "paper"), default="capsule",
+        help="the design that will measure: capsule (default), or the paper's, which corrects "
+             "whole images by a table and takes binary centres of eroded spots")
     parser.add_argument("--area-min", type=int, metavar="N", help="smallest spot, pixels")
     parser.add_argument("--area-max", type=int, metavar="N", help="largest spot, pixels, up to 255")
     parser.add_argument("--depth-min", type=float, metavar="MM",
@@ -45,6 +49,10 @@ def _settings(arguments):
     """Settings with the user's choices, checked."""
     from model.settings import Settings
     choices = {}
+    if arguments.preset == "paper":
+        if arguments.centre == "weighted":
+            raise UserError("--preset paper has binary centres only: leave --centre away.")
+        choices.update(erosion="erode", weighted=False)
     if arguments.threshold != "adaptive":
         if not (arguments.threshold.isascii() and arguments.threshold.isdigit()
                 and 1 <= int(arguments.threshold) <= 255):
@@ -92,7 +100,7 @@ def main(arguments):
 
     capture = read_capture(arguments.capture)
     options = Options(settings=settings, depth_min=arguments.depth_min,
-                      depth_max=arguments.depth_max)
+                      depth_max=arguments.depth_max, remapped=arguments.preset == "paper")
     console, errors = Console(), Console(stderr=True)
     bar = progress.Progress(
         progress.TextColumn("{task.description}"), progress.BarColumn(),

@@ -11,19 +11,27 @@ from pathlib import Path
 import numpy as np
 
 from hdl.config import PRESETS
+from hdl.paper_points import REMAP_BASE
 from model.capsule import Capsule as CapsuleModel
 from model.link.framer import frame as framed
 from model.link.points import packets
+from model.paper import Paper as PaperModel
 from scripts.errors import UserError
 from scripts.link import Decoder
 from scripts.native import ROOT, build, clocked_verilog
 from scripts.rebuild import Rebuilder
 from scripts.verilator import verilator_environment
 
-__all__ = ["ModelEngine", "RTLEngine", "open_engine", "require_compiler"]
+__all__ = ["ModelEngine", "RTLEngine", "open_engine", "preset_of",
+           "require_compiler"]
 
 #: Clocks after which a frame that was shown must have come out of the serial pin.
 _PATIENCE = 4_000_000
+
+
+def preset_of(settings):
+    """The preset that settings are meant for: only one corrects whole images by a table."""
+    return "paper" if settings.remap else "capsule"
 
 
 class _Engine:
@@ -33,17 +41,18 @@ class _Engine:
         self.settings = settings
         self.decoder = Decoder(Rebuilder(settings, width, height))
         self._discard = []
+        #: A frame's level is that of the frame before it.
+        self.learns_before = settings.level_fixed is None and preset_of(settings) == "capsule"
 
     def frames(self, images, independent=False):
         """Decoded frame of every image.
 
-        The chip learns its threshold on the frame before. So the first image is shown twice and
-        the answer to its first showing is left out; with ``independent`` so is every image.
-        Nothing is repeated where the threshold is fixed.
+        The preset ``capsule`` learns its threshold on the frame before. So the first image is shown
+        twice and the answer to its first showing is left out; with ``independent`` so is every
+        image. Nothing is repeated where the threshold is fixed, or learnt on the frame itself.
         """
-        learns = self.settings.level_fixed is None
         for index, image in enumerate(images):
-            if learns and (independent or index == 0):
+            if self.learns_before and (independent or index == 0):
                 yield from self._show(image, discard=True)
             yield from self._show(image, discard=False)
         yield from self._finish()
@@ -65,7 +74,8 @@ class ModelEngine(_Engine):
 
     def __init__(self, settings, width, height):
         super().__init__(settings, width, height)
-        self._model = CapsuleModel(settings, width, height)
+        model = {"capsule": CapsuleModel, "paper": PaperModel}[preset_of(settings)]
+        self._model = model(settings, width, height)
         self._sequence = 0
 
     def _octets(self, image):
@@ -88,17 +98,21 @@ def require_compiler():
 
 
 def _verilog(config):
-    """The capsule as the harness wants it; pixels and system share a clock."""
+    """The chip as the harness wants it; pixels and system share a clock."""
     from hdl.capsule import Capsule
+    from hdl.paper import Paper
 
+    clocks = {"sync": "clk", "pixel": "clk", "spot": "spot_clk"}
+    if config.preset == "paper":
+        return clocked_verilog(Paper(config, gated=True), "capsule",
+                               {**clocks, "display": "display_clk"}, any_edge=False)
     tables = ("table_write", "table_read", "table_select", "table_address", "table_data")
     return clocked_verilog(
-        Capsule(config, gated=True), "capsule",
-        {"sync": "clk", "pixel": "clk", "spot": "spot_clk"}, dict.fromkeys(tables, "spot"))
+        Capsule(config, gated=True), "capsule", clocks, dict.fromkeys(tables, "spot"))
 
 
 def _library(config):
-    """Path of the shared library of the capsule in ``config``; built if it is not there yet."""
+    """Path of the shared library of the chip in ``config``; built if it is not there yet."""
     sources = "".join(file.read_text() for file in (
         *sorted((ROOT / "hdl").rglob("*.py")), Path(__file__)))
 
@@ -106,12 +120,14 @@ def _library(config):
         require_compiler()
         return _verilog(config)
 
-    return build("capsule", repr(config) + sources, verilog,
-                 (ROOT / "scripts" / "harness.cpp").read_text())
+    harness = (ROOT / "scripts" / "harness.cpp").read_text()
+    if config.preset == "paper":
+        harness = f"#define PAPER\n{(ROOT / 'scripts' / 'sram.hpp').read_text()}\n{harness}"
+    return build("capsule", repr(config) + sources, verilog, harness)
 
 
 class RTLEngine(_Engine):
-    """The Verilated capsule: pixels at the camera's pins, octets from the serial pin.
+    """The Verilated chip: pixels at the camera's pins, octets from the serial pin.
 
     Parameters
     ----------
@@ -158,6 +174,11 @@ class RTLEngine(_Engine):
             self._library.capsule_write_table(
                 self._handle, memory, ctypes.c_uint32(address), parts)
         self._library.capsule_swap(self._handle)
+        if self.config.preset == "paper":
+            table = np.asarray(settings.remap, dtype=np.uint32)
+            self._library.capsule_write_memory(
+                self._handle, ctypes.c_uint32(REMAP_BASE), table.ctypes.data_as(ctypes.c_void_p),
+                ctypes.c_size_t(len(table)))
 
     def _octets(self, image):
         image = np.ascontiguousarray(image, dtype=np.uint8)
@@ -205,6 +226,8 @@ def open_engine(kind, calibration, report_rejected=True):
     settings = replace(calibration.settings, report_rejected=report_rejected)
     if kind == "model":
         return ModelEngine(settings, calibration.width, calibration.height)
-    config = replace(PRESETS["capsule"], width=calibration.width, height=calibration.height,
-                     beams=len(settings.line))
-    return RTLEngine(settings, config)
+    preset = PRESETS[preset_of(settings)]
+    beams = len(settings.line)
+    lanes = beams if preset.lanes == preset.beams else min(preset.lanes, beams)
+    return RTLEngine(settings, replace(
+        preset, width=calibration.width, height=calibration.height, beams=beams, lanes=lanes))

@@ -1,6 +1,6 @@
 // The Verilated capsule as a plain C library: frames in at the camera's pins, octets out of the
 // serial pin. No VPI; one pixel a clock. The spot side's clock stands still while it is not busy; the
-// UART runs at one clock a bit.
+// UART runs at one clock a bit. With PAPER defined it is the preset paper, its memory beside it.
 #include "Vcapsule.h"
 #include "verilated.h"
 
@@ -18,11 +18,33 @@ struct Harness {
     uint8_t character = 0;
     std::vector<uint8_t> octets;
 
+#ifdef PAPER
+    StaticRAM ram;
+    uint32_t screen = 0;  // clocks of the screen for 1024 of the system
+    bool taken = false;  // the memory took a command
+
+    void clock(bool spot_side = false) {
+        top.clk = top.spot_clk = 0;
+        top.eval();
+        ram.look(top);
+        taken = top.memory_valid && top.memory_ready;
+        top.clk = 1;
+        top.spot_clk = top.busy | spot_side;
+        top.eval();
+        ram.look(top);
+        for (uint64_t n = (clocks + 1) * screen / 1024 - clocks * screen / 1024; n; --n) {
+            top.display_clk = 1;
+            top.eval();
+            top.display_clk = 0;
+            top.eval();
+        }
+#else
     void clock(bool spot_side = false) {
         // Every change of a clock is a rising edge here, see native.py.
         top.clk ^= 1;
         top.spot_clk ^= top.busy | spot_side;
         top.eval();
+#endif
         ++clocks;
         if (bit < 0) {
             if (!top.tx) bit = 0, character = 0;
@@ -83,6 +105,23 @@ void capsule_write_table(Harness* harness, int select, uint32_t address, const u
 // Measures with the tables that were written, and lets the others be written from now on.
 void capsule_swap(Harness* harness) { harness->top.bank ^= 1; }
 
+#ifdef PAPER
+// Writes words to the external memory, through the chip.
+void capsule_write_memory(Harness* harness, uint32_t address, const uint32_t* word, size_t count) {
+    auto& top = harness->top;
+    for (size_t i = 0; i < count; ++i) {
+        top.memory_valid = 1;
+        top.memory_payload = 1 | uint64_t{address + i} << 1 | uint64_t{word[i]} << 20
+            | uint64_t{15} << 52;
+        do harness->clock(); while (!harness->taken);
+    }
+    top.memory_valid = 0;
+}
+
+// Lets the screen run, so many clocks for 1024 of the system.
+void capsule_screen(Harness* harness, uint32_t clocks) { harness->screen = clocks; }
+#endif
+
 // Shows one frame at the camera's pins, with blanking after each line and after the frame.
 void capsule_frame(Harness* harness, const uint8_t* grey, size_t height, size_t width,
                    size_t line_blanking, size_t frame_blanking) {
@@ -99,6 +138,10 @@ void capsule_frame(Harness* harness, const uint8_t* grey, size_t height, size_t 
     }
     top.frame_valid = 0;
     for (size_t i = 0; i < frame_blanking; ++i) harness->clock();
+#ifdef PAPER
+    // A frame that comes before this one has been measured would be skipped.
+    for (uint64_t i = 0; i < 4000000 && !top.idle; ++i) harness->clock();
+#endif
 }
 
 void capsule_idle(Harness* harness, uint64_t clocks) {

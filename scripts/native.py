@@ -18,7 +18,7 @@ _ZERO = re.compile(r"^  initial begin\n(?:    \S+ ?\[\d+\] = \d+'h0+;\n)+  end\n
 _PIC = "-fPIC -fno-semantic-interposition -std=c++17"
 
 
-def clocked_verilog(component, name, clocks, registered=None):
+def clocked_verilog(component, name, clocks, registered=None, any_edge=True):
     """Verilog of ``component`` in which any change of a clock stands for a rising edge.
 
     So one evaluation makes a clock. No reset is wired: a new library starts from power-up.
@@ -34,8 +34,10 @@ def clocked_verilog(component, name, clocks, registered=None):
     registered : :class:`dict`
         Inputs to put a register in front of, and its domain: that leaves no logic that hangs on
         the inputs alone, which would be evaluated at every clock.
+    any_edge : :class:`bool`
+        False for designs that know falling edges too: edges are then what they are.
     """
-    from amaranth.hdl import ClockDomain, Module, Value
+    from amaranth.hdl import ClockDomain, Const, Module, Value
     from amaranth.lib import wiring
     from amaranth.lib.wiring import In
 
@@ -57,11 +59,14 @@ def clocked_verilog(component, name, clocks, registered=None):
             for path, member, value in self.signature.flatten(self):
                 if path in inner:
                     mine, its = Value.cast(value), Value.cast(inner[path])
+                    if isinstance(mine, Const):  # always ready, or valid
+                        continue
                     domain = (registered or {}).get(path[0], "comb")
                     m.d[domain] += its.eq(mine) if member.flow == In else mine.eq(its)
             return m
 
-    return re.sub(r"\bposedge (\w*clk)\b", r"\1", to_fast_verilog(Native(), name))
+    text = to_fast_verilog(Native(), name)
+    return re.sub(r"\bposedge (\w*clk)\b", r"\1", text) if any_edge else text
 
 
 def build(name, key, verilog, harness, optimise=True):

@@ -63,7 +63,8 @@ def locate(reported, index, calibration, grey):
     """Rows of a frame's spots, in the order in which the chip reports them.
 
     x, y and z are those of the undistorted ray through the spot's centre, at the depth that the
-    chip measured.
+    chip measured. Where the chip corrects whole images, it reports places in the corrected image;
+    u and v are where the lens puts them.
 
     Parameters
     ----------
@@ -82,8 +83,14 @@ def locate(reported, index, calibration, grey):
         points[name] = reported[name]
     ok = points["status"] == STATUS.index("ok")
     points["beam"] = np.where(ok, np.asarray(reported["beam"], np.int16), -1)
-    points["u"] = np.asarray(reported["u"], float) * _LSB_PX
-    points["v"] = np.asarray(reported["v"], float) * _LSB_PX
+    lens = calibration.lens
+    u, v = (np.asarray(reported[name], float) * _LSB_PX for name in "uv")
+    if calibration.settings.remap:
+        undistorted = u - lens.centre[0], v - lens.centre[1]
+        u, v = lens.distort(*undistorted)
+    else:
+        undistorted = lens.undistort(u, v)
+    points["u"], points["v"] = u, v
 
     column = np.clip(np.rint(points["u"]).astype(int), 0, grey.shape[1] - 1)
     row = np.clip(np.rint(points["v"]).astype(int), 0, grey.shape[0] - 1)
@@ -94,9 +101,8 @@ def locate(reported, index, calibration, grey):
     inverse = np.asarray(reported["inverse_z"], float) * calibration.inverse_z_unit
     measured = ok & (inverse > 0)
     depth = 1 / inverse[measured]
-    lens = calibration.lens
-    slopes = lens.ray(*lens.undistort(points["u"][measured], points["v"][measured]))
-    points["x"][measured] = slopes[0] * depth
-    points["y"][measured] = slopes[1] * depth
+    slopes = lens.ray(*undistorted)
+    points["x"][measured] = slopes[0][measured] * depth
+    points["y"][measured] = slopes[1][measured] * depth
     points["z"][measured] = depth
     return points

@@ -21,6 +21,7 @@ from hdl.acquisition.frame_memory import FrameMemory
 from hdl.capsule import Capsule
 from hdl.config import PRESETS
 from hdl.export import flat_ports
+from hdl.instrument import Instrument
 from scripts.blocks import find
 
 __all__ = ["LISTED", "TOPS", "Crossing", "Listed", "Top", "crossings", "explain", "netlist",
@@ -69,11 +70,15 @@ class Listed:
 
 @dataclass(frozen=True)
 class Top:
-    """A design, clocks of it that are in step with another, and pins that belong to no clock."""
+    """A design and what its ports do not tell.
+
+    ``in_step`` are clocks that are another one behind a gate; ``pins`` belong to the clock that is
+    named, or to none. Others belong to ``clk``, or to the clock of their own name (resets).
+    """
 
     make: object
     in_step: dict = field(default_factory=dict)
-    asynchronous: tuple = ()
+    pins: dict = field(default_factory=dict)
 
 
 _GRAY = ("Gray code through two flip-flops: one bit changes at a time, so what is heard is the "
@@ -89,14 +94,19 @@ LISTED = (
            "until the reader's count has told that it was read"),
     Listed(r"pin pixel_rst", r".*queue\.(rst_cdc\.stage0|r_rst)",
            "asynchronous set, let go through two flip-flops"),
+    # Pins.
+    Listed(r"pin rx", r"(.*\.)?synchroniser\.stage0", "two flip-flops", chain=True),
+    Listed(r"pin cts", r"(.*\.)?cts_synchronizer\.stage0", "two flip-flops", chain=True),
+    Listed(r"pin frame_valid", r"(.*\.)?sending_synchronizer\.stage0", "two flip-flops",
+           chain=True),
     # hdl.acquisition.frame_banks, between the system's clock and the display's.
     Listed(r"(.*banks\.)?request", r"(.*banks\.)?request\.stage0", _LINE, chain=True),
     Listed(r"(.*banks\.)?answer", r"(.*banks\.)?answer\.stage0", _LINE, chain=True),
     Listed(r"(.*banks\.)?wants", r"(.*banks\.)?(reader|reader_exists|reader_info|"
            r"reader_is_fresh|newest_is_unread|write_bank|free)", _STILL),
     Listed(r"(.*banks\.)?reader(_exists|_info|_is_fresh)?", r"(.*banks\.|.*)?(held|fresh|frame|"
-           r"read_bank)", _STILL),
-    Listed(r"(.*\.)?bank_\d+_page_\d+", r"(.*\.)?bank_\d+_page_\d+_r_data",
+           r"read_bank|list_number)", _STILL),
+    Listed(r"(.*\.)?(bank_\d+_page_\d+|places)", r"(.*\.)?(bank_\d+_page_\d+|places)_r_data",
            "no bank is written while the reader holds it (`make prove`); what is read of others is "
            "not used"),
 )
@@ -270,23 +280,16 @@ class _Graph:
         return bool(heard) and all(each == ("register", clock) for each in heard)
 
 
-def _home(pin, clocks):
-    """The clock to which a pin belongs that ``clocks`` hear."""
-    own = re.sub(r"^pin (.*?)_?rst$", r"\1_clk", pin).lstrip("_")
-    return own if own in clocks else "clk"
+def _home(pin, clocks, pins):
+    """The clock to which a pin belongs that ``clocks`` hear; None if to none."""
+    own = re.sub(r"_?rst$", "_clk", pin).lstrip("_")
+    return pins.get(pin, own if own in clocks else "clk")
 
 
-def crossings(module, in_step=None, asynchronous=()):
-    """All paths between clocks in ``module``.
+def crossings(module, in_step=None, pins=None):
+    """All paths between clocks in ``module``, which comes from :func:`netlist`.
 
-    Parameters
-    ----------
-    module : :class:`dict`
-        From :func:`netlist`.
-    in_step : :class:`dict`, optional
-        Clocks that are another one behind a gate.
-    asynchronous : collection of :class:`str`
-        Pins that belong to no clock.
+    ``in_step`` and ``pins`` are those of :class:`Top`.
     """
     graph = _Graph(module, in_step or {})
     known = {clock: {} for _, clock, _, _ in graph.inputs}
@@ -308,12 +311,10 @@ def crossings(module, in_step=None, asynchronous=()):
     result = []
     for (source, source_clock, label, clock), bits in found.items():
         if source_clock is None:
-            if source.removeprefix("pin ") in asynchronous:
-                source_clock = "no clock"
-            else:
-                source_clock = _home(source, hearing[source])
-                if len(hearing[source]) == 1 or source_clock == clock:
-                    continue
+            source_clock = _home(source.removeprefix("pin "), hearing[source], pins or {})
+            if source_clock == clock or (source_clock == "clk" and len(hearing[source]) == 1):
+                continue
+            source_clock = source_clock or "no clock"
         direct, lone = straight[source, None if source.startswith("pin ") else source_clock,
                                 label, clock]
         result.append(Crossing(source, label, source_clock, clock, direct, lone, len(bits)))
@@ -326,10 +327,15 @@ def explain(found, listed=LISTED):
             for each in found]
 
 
+_PINS = {"frame_valid": "pixel_clk", "line_valid": "pixel_clk", "data": "pixel_clk",
+         "rx": None, "cts": None}
 #: Designs whose crossings are listed, by name; any block's name will do besides.
 TOPS = {
     "capsule": Top(lambda: Capsule(PRESETS["capsule"])),
     "capsule, gated": Top(lambda: Capsule(PRESETS["capsule"], gated=True), {"spot_clk": "clk"}),
+    "instrument": Top(lambda: Instrument(PRESETS["capsule"]), pins=_PINS),
+    "instrument, gated": Top(
+        lambda: Instrument(PRESETS["capsule"], gated=True), {"spot_clk": "clk"}, _PINS),
     "frame_memory": Top(lambda: FrameMemory(64, 64)),
 }
 
@@ -337,7 +343,7 @@ TOPS = {
 def report(name):
     """Print the paths of one design; return how many are not as they should be."""
     top = TOPS.get(name) or Top(find(name).component)
-    found = crossings(netlist(top.make()), top.in_step, top.asynchronous)
+    found = crossings(netlist(top.make()), top.in_step, top.pins)
     print(f"{name}: {len(found)} paths between clocks" + "".join(
         f"; {gated} is {clock} behind a gate, in step with it"
         for gated, clock in top.in_step.items()))

@@ -219,8 +219,8 @@ class Queue:
 
 QUEUES = {
     "stage": Queue(lambda: Stage(8), _stage, (), "one word between two blocks"),
-    "frame_info": Queue(lambda: fifo.SyncFIFO(width=8, depth=4), _sync_fifo, (),
-                        "amaranth's SyncFIFO, 4 words"),
+    "frame_info, quota.queue": Queue(
+        lambda: fifo.SyncFIFO(width=8, depth=4), _sync_fifo, (), "amaranth's SyncFIFO, 4 words"),
     "remap.queue": Queue(lambda: fifo.SyncFIFO(width=8, depth=16), _sync_fifo, (),
                          "amaranth's SyncFIFO, 16 words"),
     "camera.queue": Queue(lambda: fifo.AsyncFIFO(

@@ -233,7 +233,7 @@ def _remap(m, block, g, inside):
     level = g["queue.level"]
     formal.claim(m, "link_way", g["unsent"] == asked + block.read + g["w_en"] + level)
     formal.claim(m, "link_most", g["unsent"] <= 16)
-    formal.claim(m, "link_level", ((g["queue.produce"] - g["queue.consume"] - level) & 15) == 0)
+    _sync_queue(m, g, "queue", 16)
 
 
 def _receiver(m, block, g, inside):
@@ -291,9 +291,27 @@ def _texture(m, block, g, inside):
         (index >= head) & (index < head + texture._PIXELS + (state == 3))))
 
 
+def _sync_queue(m, g, prefix, depth):
+    """Invariant of an :class:`amaranth.lib.fifo.SyncFIFO` with a power of two of places."""
+    level = g[f"{prefix}.level"]
+    formal.claim(m, f"link_{prefix}_most", level <= depth)
+    formal.claim(m, f"link_{prefix}", (
+        (g[f"{prefix}.produce"] - g[f"{prefix}.consume"] - level) & (depth - 1)) == 0)
+
+
+def _quota(m, block, g, inside):
+    # The limit changes only between frames, so not while a point waits.
+    waits = Signal(reset_less=True)
+    m.d.sync += waits.eq(block.i.valid & ~block.i.ready)
+    limit = _past(m, block.limit, "limit_before")
+    formal.assume(m, "limit", ~waits | (block.limit == limit))
+    _sync_queue(m, g, "queue", block.frames)
+
+
 CASES = {
     "depth": Case(_depth),
     "undistort": Case(_undistort),
+    "quota": Case(_quota),
     "framer": Case(_framer),
     "texture": Case(_texture),
     "image_bank": Case(_image_bank),

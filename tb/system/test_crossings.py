@@ -90,6 +90,6 @@ def test_clocks_in_step_are_one():
 def test_a_pin_of_no_clock_needs_a_synchroniser():
     module = netlist(Paths("none"))
     assert crossings(module) == []
-    found = crossings(module, asynchronous=("i",))
+    found = crossings(module, pins={"i": None})
     assert {(each.source, each.source_clock, each.destination, each.direct) for each in found} == {
         ("pin i", "no clock", "kept", True), ("pin i", "no clock", "other", False)}

@@ -58,6 +58,8 @@ class VGA(wiring.Component):
     fetch, fetch_row : :py:`Out(1)`, :py:`Out(range(height))`
         That row will be shown from the next line of the screen on, which begins 800 clocks later:
         for stores that have to get it from elsewhere.
+    turn : :py:`Out(1)`
+        High for a clock when the first pixel of a row may be read, once for each fetched row.
     row, column, address : :py:`Out(range(height))`, :py:`Out(range(width))`, \
     :py:`Out(range(width * height))`
         Pixel to be read; ``address`` is row * width + column.
@@ -92,6 +94,7 @@ class VGA(wiring.Component):
             "frame": In(StoredFrame),
             "fetch": Out(1),
             "fetch_row": Out(range(height)),
+            "turn": Out(1),
             "row": Out(range(height)),
             "column": Out(range(width)),
             "address": Out(range(width * height)),
@@ -161,6 +164,7 @@ class VGA(wiring.Component):
         with m.Else():
             m.d.display += column_repeat.eq(column_repeat + 1)
         m.d.display += [
+            self.turn.eq((x == 0) & rows & (row_repeat == 0)),
             self.row.eq(row), self.column.eq(column), self.address.eq(row_address + column)]
 
         # Frames and their marks change in the blanking only. What came by the line before the

@@ -119,26 +119,38 @@ module screen_rig #(
         $fclose(log);
     end
 
-    wire acquire, held, fetch;
+    wire acquire, held, fetch, turn;
     wire [16:0] frame;
     wire [$clog2(PIXELS)-1:0] address_read;
     wire [$clog2(WIDTH)-1:0] column;
     wire [$clog2(HEIGHT)-1:0] row, fetch_row;
     wire [7:0] data, unmarked, broken, skipped, unread;
 
+    // What a store in an external memory also tells.
+    wire [7:0] late;
+    wire [15:0] violations, unwritten;
+    wire [31:0] reads, writes;
+
     frame_store store (
+`ifdef SRAM
+        .fetch(fetch), .fetch_row(fetch_row), .turn(turn), .row(row), .column(column),
+        .late(late), .violations(violations), .unwritten(unwritten), .reads(reads),
+        .writes(writes),
+`else
+        .address(address_read),
+`endif
         .clk(clk), .rst(rst), .display_clk(display_clk), .display_rst(rst),
         .i_valid(i_valid), .i_payload(i_payload), .info({texture, number}),
         .broken(broken), .skipped(skipped), .unread(unread),
         .acquire(acquire), .give_back(1'b0), .held(held), .frame(frame),
-        .idle(), .fresh(), .address(address_read), .data(data)
+        .idle(), .fresh(), .data(data)
     );
 
     vga vga (
         .clk(clk), .rst(rst), .display_clk(display_clk), .display_rst(rst),
         .marks_valid(marks_valid), .marks_payload(marks_payload), .marks_number(marks_number),
         .unmarked(unmarked), .acquire(acquire), .held(held), .frame(frame),
-        .fetch(fetch), .fetch_row(fetch_row), .row(row), .column(column),
+        .fetch(fetch), .fetch_row(fetch_row), .turn(turn), .row(row), .column(column),
         .address(address_read), .data(data), .hsync(hsync), .vsync(vsync), .visible(visible),
         .red(red), .green(green), .blue(blue)
     );

@@ -53,7 +53,8 @@ def play(request, folder, images, lists, screens, pairs=True, stores=None, colou
     screens : :class:`int`
         For so long.
     stores : dict of Verilog texts, optional
-        Module ``frame_store``; by default a :class:`.FrameMemory` of three banks.
+        Module ``frame_store`` with an external memory; by default it is a :class:`.FrameMemory`
+        of three banks.
     colour_bits : :class:`int`
         Bits of a colour pin.
     rig
@@ -68,16 +69,18 @@ def play(request, folder, images, lists, screens, pairs=True, stores=None, colou
     _hex(folder / "marks.hex", words.ravel(), 10)
     files = {name: folder / f"{name}.{kind}" for name, kind in (
         ("pixels", "hex"), ("marks", "hex"), ("record", "bin"), ("log", "txt"))}
+    sram = stores is not None
     stores = stores or {
         "frame_store.v": to_verilog(FrameMemory(width, height, 3), "frame_store")}
     run(request, "screen_rig", "tb.display.tb_screen",
         verilog={**stores, "vga.v": to_verilog(VGA(width, height, colour_bits), "vga"),
                  "screen_rig.v": RIG.read_text()},
-        parameters={"rig": {"screens": screens, "pairs": int(pairs), **rig}},
+        parameters={"rig": {"screens": screens, "pairs": int(pairs), **rig},
+                    "sram": sram},
         build_args=["--timing", "--no-sched-zero-delay", "-CFLAGS", "-std=c++20 -O2", "-O3",
                     f"-GWIDTH={width}", f"-GHEIGHT={height}", f"-GIMAGES={count}",
                     f"-GLISTS={len(lists)}", f"-GLENGTH={LENGTH}",
-                    f"-GCOLOUR={colour_bits}"],
+                    f"-GCOLOUR={colour_bits}", *["-DSRAM"] * sram],
         plusargs=[f"+{name}={path}" for name, path in files.items()])
 
     pins = np.fromfile(files["record"], np.uint8).reshape(-1, 4)

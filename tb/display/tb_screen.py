@@ -16,3 +16,7 @@ async def record(dut):
     await Timer(1, "us")
     dut.rst.value = 0
     await RisingEdge(dut.done)
+    if parameters()["sram"]:
+        for name in ("broken", "late", "violations", "unwritten"):
+            assert not int(getattr(dut, name).value), name
+        cocotb.log.info(f"{int(dut.reads.value)} reads, {int(dut.writes.value)} writes")

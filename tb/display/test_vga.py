@@ -8,6 +8,7 @@ from hdl.display.vga import VGA
 from model.display.vga import place
 from tb.acquisition.bank_faults import planted
 from tb.display.screens import play
+from tb.display.stores import sram_store
 
 
 def stimuli(rng, width, height, count=8):
@@ -69,6 +70,16 @@ def test_nearly_the_screens_rate(request, tmp_path, seed):
                 display_ps=39_722, period=100, blanking=421_000 - 100 * width * height, delay=9,
                 colour_bits=bits)
     assert check(show, 32) >= 30
+
+
+@pytest.mark.parametrize("seed", [5])
+def test_frames_in_external_memory(request, tmp_path, seed):
+    """As above, from an external memory that another client keeps busy: no row is late."""
+    images, lists = stimuli(np.random.default_rng(seed), 352, 288)
+    show = play(request, tmp_path, images, lists, 32, stores=sram_store(352, 288),
+                sync_ps=62_500, period=2, blanking=320_000 - 2 * 352 * 288, delay=3000)
+    assert check(show, 32) >= 25
+    assert all(show.marked[1:])
 
 
 @pytest.mark.parametrize("seed", [4])

@@ -14,7 +14,8 @@ class LaserGuard(wiring.Component):
 
     While the laser is meant to be on, the pin changes with every clock, for an AC-coupled driver;
     otherwise it stands still at low. So it takes a clock, too, to make light: a driver sees a
-    stopped clock as darkness. Light is counted in edges of the pin, the closing one included.
+    stopped clock as darkness. Light is counted in edges of the pin, the closing one included; for
+    how long the driver holds after an edge is not counted.
 
     All limits are constructor arguments; no input reaches them. In edges and clocks of the pin,
     whatever the inputs do, reset included (``make prove``):

@@ -16,6 +16,7 @@ from amaranth.hdl import (
     Fragment,
     Module,
     ResetSignal,
+    Shape,
     Signal,
     Value,
 )
@@ -23,6 +24,7 @@ from amaranth.lib import fifo
 
 from hdl.common.point_fifo import PointFIFO
 from hdl.common.stage import Stage
+from hdl.payloads import Counts, FrameInfo, GreyPixel
 from hdl.preprocessing.spot_queue import SpotQueue
 from scripts import formal
 from tb.formal.streams import async_queue, free_inputs
@@ -217,15 +219,20 @@ class Queue:
         return QueueProof(self.make(), self.follow, self.clocks)
 
 
+def _library(shape, depth):
+    return Queue(lambda: fifo.SyncFIFO(width=Shape.cast(shape).width, depth=depth), _sync_fifo, (),
+                 f"amaranth's SyncFIFO, {depth} words")
+
+
+#: Queues of the design, by name.
 QUEUES = {
-    "stage": Queue(lambda: Stage(8), _stage, (), "one word between two blocks"),
-    "frame_info, quota.queue": Queue(
-        lambda: fifo.SyncFIFO(width=8, depth=4), _sync_fifo, (), "amaranth's SyncFIFO, 4 words"),
-    "remap.queue": Queue(lambda: fifo.SyncFIFO(width=8, depth=16), _sync_fifo, (),
-                         "amaranth's SyncFIFO, 16 words"),
+    "stage": Queue(Stage, _stage, (), "one word between two blocks"),
+    "frame_info": _library(FrameInfo, 4),
+    "quota.queue": _library(Counts, 4),
+    "remap.queue": _library(8, 16),
     "camera.queue": Queue(lambda: fifo.AsyncFIFO(
-        width=8, depth=16, w_domain="write", r_domain="read"), _async_fifo, ("write", "read"),
-        "amaranth's AsyncFIFO, 16 words, any two clocks"),
+        width=Shape.cast(GreyPixel).width, depth=16, w_domain="write", r_domain="read"),
+        _async_fifo, ("write", "read"), "amaranth's AsyncFIFO, 16 words, any two clocks"),
     "point_fifo": Queue(PointFIFO, _point_fifo, (), "256 points"),
     "spot_queue": Queue(lambda: SpotQueue(64), _spot_queue, (),
                         "64 spots, with the counters of each frame"),

@@ -18,8 +18,10 @@ from amaranth._toolchain.yosys import find_yosys
 from amaranth.back import rtlil
 
 from hdl.acquisition.frame_memory import FrameMemory
+from hdl.acquisition.sram_frames import SRAMFrames
 from hdl.capsule import Capsule
 from hdl.config import PRESETS
+from hdl.display.vga import VGA
 from hdl.export import flat_ports
 from hdl.instrument import Instrument
 from scripts.blocks import find
@@ -109,6 +111,11 @@ LISTED = (
     Listed(r"(.*\.)?(bank_\d+_page_\d+|places)", r"(.*\.)?(bank_\d+_page_\d+|places)_r_data",
            "no bank is written while the reader holds it (`make prove`); what is read of others is "
            "not used"),
+    # hdl.acquisition.sram_frames, likewise.
+    Listed(r"(.*\.)?(wanted|read_bank)", r"(.*\.)?(odd|read_address)", _STILL),
+    Listed(r"(.*\.)?line", r"(.*\.)?line_r_data",
+           "a row is shown only once it has come, and its half is filled only after the next row "
+           "for it was asked for; what is read of others is not used"),
 )
 
 
@@ -337,6 +344,8 @@ TOPS = {
     "instrument, gated": Top(
         lambda: Instrument(PRESETS["capsule"], gated=True), {"spot_clk": "clk"}, _PINS),
     "frame_memory": Top(lambda: FrameMemory(64, 64)),
+    "sram_frames": Top(lambda: SRAMFrames(352, 288)),
+    "vga": Top(lambda: VGA(352, 288)),
 }
 
 

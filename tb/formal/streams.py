@@ -319,6 +319,7 @@ CASES = {
     "receiver": Case(_receiver),
     "commands": Case(_commands),
     "camera": Case(_camera, clocks=("sync", "pixel"), resets=False),
+    "sram_frames": Case(clocks=("sync", "display"), resets=False),
     "frame_gate": Case(_frame_gate, exempt=dict.fromkeys(
         ("info", "texture_info"), "for a queue that takes at once or not at all")),
 }

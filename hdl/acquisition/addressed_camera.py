@@ -108,7 +108,7 @@ class AddressedCamera(wiring.Component):
             m.d.sync += aborted.eq(0)
         with m.If(begins):
             m.d.sync += [
-                active.eq(1), aborted.eq(aborted | active & ~(asks & frame_end)), phase.eq(0),
+                active.eq(1), aborted.eq(active & ~(asks & frame_end)), phase.eq(0),
                 self.row.eq(0), self.column.eq(0),
             ]
 

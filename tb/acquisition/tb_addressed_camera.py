@@ -36,7 +36,7 @@ class AddressedBench(Bench):
         await ClockCycles(self.dut.clk, clocks)
         self.dut.sensor_read.value = 0
 
-    async def finish(self, limit=1_000_000):
+    async def finish(self, limit=20_000):
         """Until everything has come out."""
         for _ in range(limit):
             await RisingEdge(self.dut.clk)
@@ -121,6 +121,27 @@ async def read_again(dut, stall):
         await bench.read(int(bench.rng.integers(1, 20)))
         await bench.finish()
     bench.check()
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
+async def read_again_while_nobody_takes_pixels(dut):
+    """The broken beat waits for room, once, however often the read-out is begun again."""
+    bench = AddressedBench(dut)
+    await bench.reset()
+    bench.o.stall = 1.0
+    await bench.read()
+    first = bench.image
+    await ClockCycles(dut.clk, 60 + 12 * bench.choices["interval"])
+    converted = len(bench.pins.converted)
+    for _ in range(3):
+        await bench.read()
+        await ClockCycles(dut.clk, 30)
+    assert len(bench.pins.converted) == converted
+    bench.o.stall = 0.0
+    await bench.finish()
+    grey, mark = addressed_camera([(first, converted), (bench.image, bench.pixels)])
+    words = np.array([word for _, word in bench.o.words])
+    assert np.array_equal(words & 0xFF, grey) and np.array_equal(words >> 8, mark)
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")

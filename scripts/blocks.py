@@ -75,7 +75,7 @@ class Block:
 
 #: Every block, in the order in which data flows.
 BLOCKS = tuple(Block(name, unit) for unit, names in {
-    "acquisition": "sequencer exposure laser_guard camera frame_gate image_bank "
+    "acquisition": "sequencer exposure laser_guard camera addressed_camera frame_gate image_bank "
                    "frame_banks frame_memory sram_frames",
     "preprocessing": "histogram threshold remap binarise erosion labelling two_pass_labelling "
                      "spot_queue centre",

@@ -21,7 +21,7 @@ from hdl.protocol import (
 )
 
 from .receiver import CRC
-from .registers import Registers
+from .registers import Registers, register_members
 
 __all__ = ["Commands"]
 
@@ -120,9 +120,11 @@ class Commands(wiring.Component):
             raise ValueError(f"System clock must be a multiple of 1 MHz, not {clock_hz}")
         if preset not in PRESET_NAMES:
             raise ValueError(f"Preset must be one of {', '.join(PRESET_NAMES)}, not {preset!r}")
-        self.registers = Registers(clock_hz, baud)
+        members = register_members(clock_hz, baud)
+        self.register_names = tuple(members)
         self.beams = beams
         self.clock_hz = clock_hz
+        self.baud = baud
         self.sensor = (width, height, beams)
         self.identity = {
             "protocol": PROTOCOL_VERSION, "tables": TABLE_VERSION, "width": width,
@@ -141,8 +143,7 @@ class Commands(wiring.Component):
             "apply": In(1),
             "idle": In(1),
             "single_done": In(1),
-            **{register.name: self.registers.signature.members[register.name]
-               for register in self.registers.table},
+            **members,
             "table_ready": In(1),
             "table_write": Out(1),
             "table_read": Out(1),
@@ -172,12 +173,11 @@ class Commands(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.registers = registers = self.registers
+        m.submodules.registers = registers = Registers(self.clock_hz, self.baud)
         m.submodules.crc = crc = CRC(data_width=1).create()
         m.d.comb += [
             registers.single_done.eq(self.single_done),
-            *(getattr(self, register.name).eq(getattr(registers, register.name))
-              for register in registers.table),
+            *(getattr(self, name).eq(getattr(registers, name)) for name in self.register_names),
         ]
 
         # The packet: where its next octet stands, whether the buffer shows that one, and its
@@ -186,7 +186,7 @@ class Commands(wiring.Component):
         position = Signal(7)
         shown = Signal()
         word = Signal(72, reset_less=True)
-        place = Signal(5)  # octet of the word or field
+        place = Signal(9, init=1)  # octet of the word, a bit for each
         m.d.comb += self.address.eq(position)
         m.d.sync += shown.eq(1)
 
@@ -194,10 +194,9 @@ class Commands(wiring.Component):
             return [position.eq(to), shown.eq(0)]
 
         def keep(octets):
-            with m.Switch(place):
-                for index in range(octets):
-                    with m.Case(index):
-                        m.d.sync += word[8 * index:8 * index + 8].eq(self.data)
+            for index in range(octets):
+                with m.If(place[index]):
+                    m.d.sync += word[8 * index:8 * index + 8].eq(self.data)
 
         # The reply: where its data end, and the octet that comes next.
         reason = Signal(Reason)
@@ -213,17 +212,16 @@ class Commands(wiring.Component):
         number = Signal(8)  # words to go
         room = Signal(7)
         octets, words, most = Signal(4), Signal(11), Signal(8)
+        last_octet, last_word = Signal(), Signal()
         with m.Switch(select):
             for table in TABLES:
                 with m.Case(table.number):
                     m.d.comb += [
-                        octets.eq(table.octets), words.eq(table.count(self.beams)),
-                        most.eq(_DATA_LIMIT // table.octets)]
+                        octets.eq(table.octets), last_octet.eq(place[table.octets - 1]),
+                        words.eq(table.count(self.beams)), most.eq(_DATA_LIMIT // table.octets)]
         begun = Signal()
         committed = Signal()  # waits for its frame
-        last_octet, last_word = Signal(), Signal()
         m.d.comb += [
-            last_octet.eq(place == octets - 1),
             last_word.eq(Mux(command == Command.COMMIT, place_in_table == words - 1, number == 1)),
             self.table_select.eq(select),
             self.table_address.eq(place_in_table),
@@ -240,66 +238,29 @@ class Commands(wiring.Component):
         with m.If(registers.hand_over & committed):
             m.d.sync += [self.bank.eq(~self.bank), self.tables_valid.eq(1), committed.eq(0)]
 
-        # Counters, which stop at their ends.
-        def counter(name, bits, event):
-            value = Signal(bits, name=name)
-            with m.If(event & ~value.all()):
-                m.d.sync += value.eq(value + 1)
-            return value
-
         done = Signal()
-        carried_out = counter("commands", 16, done & (reason == Reason.OK))
-        refused = counter("refused", 16, done & (reason != Reason.OK) & ~of_damage)
-        damaged = counter("damages", 16, self.damaged)
-        framing = counter("framings", 8, self.framing)
         damage_seen = Signal()
         with m.If(self.damaged):
             m.d.sync += damage_seen.eq(1)
-
-        # Milliseconds of the calibration capture.
-        clocks = self.clock_hz // 1000
-        clock = Signal(range(clocks))
-        left = Signal(16)
-        m.d.comb += self.capture.eq(left != 0)
-        m.d.sync += clock.eq(Mux((clock == 0) | ~self.capture, clocks - 1, clock - 1))
-        with m.If((clock == 0) & self.capture):
-            m.d.sync += left.eq(left - 1)
-
-        # Data of replies that are not words. The upper octet of a number is kept when its lower
-        # one is taken.
-        identity = [(self.identity[field.name] >> 8 * index) & 0xFF
-                    for field in IDENTITY_FIELDS for index in range(field.bits // 8)]
-        values = {
+        new_capture = Signal()
+        self._time_capture(m, new_capture, word[:16])
+        # Walks along the octets of the fields of a reply.
+        walks = {kind: Signal(length, name=f"walk_{kind.name.lower()}") for kind, length in [
+            (Command.IDENTIFY, self._octets(IDENTITY_FIELDS)),
+            (Command.STATUS, self._octets(STATUS_FIELDS)), (Command.READ, 4)]}
+        walking, last_field = Signal(), Signal()
+        field = self._field(m, walks, walking, registers.read_data, {
             "state": Cat(self.tables_valid, self.laser_armed, self.capture, committed, self.bank,
                          registers.mode, self.sensor_silent),
             "guard_causes": self.guard_causes, "pairs": self.pairs, "timeouts": self.timeouts,
             "bad_sync": self.bad_sync, "overrun": self.overrun, "skipped": self.skipped,
-            "commands": carried_out, "refused": refused, "damaged": damaged, "framing": framing,
+            "commands": self._counter(m, "carried_out", 16, done & (reason == Reason.OK)),
+            "refused": self._counter(
+                m, "refused", 16, done & (reason != Reason.OK) & ~of_damage),
+            "damaged": self._counter(m, "damages", 16, self.damaged),
+            "framing": self._counter(m, "framings", 8, self.framing),
             "packets": self.packets,
-        }
-        field = Signal(8)
-        upper = Signal(8)
-        count = Signal(5)
-        with m.Switch(command):
-            with m.Case(Command.IDENTIFY):
-                m.d.comb += [count.eq(len(identity)), field.eq(Array(identity)[place])]
-            with m.Case(Command.STATUS):
-                status = []
-                for entry in STATUS_FIELDS:
-                    if entry.bits == 16:
-                        with m.If((place == len(status)) & shown):
-                            m.d.sync += upper.eq(values[entry.name][8:])
-                        status += [values[entry.name][:8], upper]
-                    else:
-                        status.append(values[entry.name])
-                m.d.comb += count.eq(len(status))
-                with m.Switch(place):
-                    for index, value in enumerate(status):
-                        with m.Case(index):
-                            m.d.comb += field.eq(value)
-            with m.Default():
-                m.d.comb += [
-                    count.eq(4), field.eq(registers.read_data.word_select(place[:2], 8))]
+        })
 
         shift = Signal()
         expecting = Signal()
@@ -320,7 +281,7 @@ class Commands(wiring.Component):
             with m.State("IDLE"):
                 m.d.comb += waiting.eq(1)
                 m.d.sync += [
-                    reason.eq(Reason.OK), of_damage.eq(0), final.eq(1), place.eq(0),
+                    reason.eq(Reason.OK), of_damage.eq(0), final.eq(1), place.eq(1),
                     expecting.eq(0)]
                 with m.If(damage_seen):
                     m.d.sync += [damage_seen.eq(self.damaged), of_damage.eq(1)]
@@ -344,9 +305,9 @@ class Commands(wiring.Component):
             # What is behind the end of a short packet is looked at too, but not heard.
             with m.State("PARAMETERS"), m.If(shown):
                 keep(_PARAMETERS)
-                m.d.sync += [place.eq(place + 1), move(position + 1)]
-                with m.If(place == _PARAMETERS - 1):
-                    m.d.sync += [place.eq(0), move(2)]
+                m.d.sync += [place.eq(place << 1), move(position + 1)]
+                with m.If(place[_PARAMETERS - 1]):
+                    m.d.sync += [place.eq(1), move(2)]
                     m.next = "EXECUTE"
 
             with m.State("EXECUTE"):
@@ -355,7 +316,11 @@ class Commands(wiring.Component):
                     room.eq(self.i.payload - _TABLE_HEAD)]
                 m.next = "REPLY"
                 with m.Switch(command):
-                    with m.Case(Command.IDENTIFY, Command.STATUS):
+                    with m.Case(Command.IDENTIFY):
+                        m.d.sync += walks[Command.IDENTIFY].eq(1)
+                        m.next = "FIELD"
+                    with m.Case(Command.STATUS):
+                        m.d.sync += walks[Command.STATUS].eq(1)
                         m.next = "FIELD"
                     with m.Case(Command.WRITE):
                         with m.If(~registers.known):
@@ -367,6 +332,7 @@ class Commands(wiring.Component):
                         with m.Else():
                             m.d.comb += registers.write.eq(1)
                     with m.Case(Command.READ):
+                        m.d.sync += walks[Command.READ].eq(registers.known)
                         m.next = "FIELD"
                         with m.If(~registers.known):
                             refuse(Reason.UNKNOWN_REGISTER)
@@ -393,7 +359,7 @@ class Commands(wiring.Component):
                         with m.Elif(~begun):
                             refuse(Reason.NO_BEGIN)
                     with m.Case(Command.CAPTURE):
-                        m.d.sync += [left.eq(word[:16]), clock.eq(clocks - 1)]
+                        m.d.comb += new_capture.eq(1)
                     with m.Case(Command.CLEAR):
                         m.d.comb += self.clear.eq(1)
 
@@ -424,9 +390,9 @@ class Commands(wiring.Component):
             # TABLE: a word from the buffer, and away with it.
             with m.State("FILL"), m.If(shown):
                 keep(9)
-                m.d.sync += [place.eq(place + 1), move(position + 1)]
+                m.d.sync += [place.eq(place << 1), move(position + 1)]
                 with m.If(last_octet):
-                    m.d.sync += place.eq(0)
+                    m.d.sync += place.eq(1)
                     m.next = "WRITE"
 
             with m.State("WRITE"), m.If(self.table_ready):
@@ -447,31 +413,36 @@ class Commands(wiring.Component):
             with m.State("ANSWER"):
                 m.next = "TAKE"
             with m.State("TAKE"):
-                m.d.sync += octet.eq(self.table_word.word_select(place, 8))
+                taken = 0
+                for index, here in enumerate(place):
+                    taken |= self.table_word.word_select(index, 8) & here.replicate(8)
+                m.d.sync += octet.eq(taken)
                 m.next = "KEEP"
                 with m.If(command == Command.COMMIT):
                     m.next = "SHIFT"
 
             # All replies with data: the next octet of a field, into the buffer with the octet.
             with m.State("FIELD"):
-                m.d.sync += octet.eq(field)
-                with m.If(shown):
-                    m.next = "KEEP"
+                m.d.comb += walking.eq(1)
+                m.d.sync += [
+                    octet.eq(field),
+                    last_field.eq(Cat(walk[-1] for walk in walks.values()).any())]
+                m.next = "KEEP"
 
             with m.State("KEEP"):
                 m.d.comb += self.write_enable.eq(1)
-                m.d.sync += [final.eq(position), move(position + 1), place.eq(place + 1)]
+                m.d.sync += [final.eq(position), move(position + 1), place.eq(place << 1)]
                 with m.If(command == Command.READ_TABLE):
                     m.next = "ASK"
                     with m.If(last_octet):
                         m.d.sync += [
-                            place.eq(0), place_in_table.eq(place_in_table + 1),
+                            place.eq(1), place_in_table.eq(place_in_table + 1),
                             number.eq(number - 1)]
                         with m.If(last_word):
                             m.next = "REPLY"
                 with m.Else():
                     m.next = "FIELD"
-                    with m.If(place == count - 1):
+                    with m.If(last_field):
                         m.next = "REPLY"
 
             # COMMIT: through the check; behind a table's last octet the check's own, from the
@@ -479,14 +450,14 @@ class Commands(wiring.Component):
             with m.State("SHIFT"):
                 m.d.comb += shift.eq(1)
                 with m.If(bit == 7):
-                    m.d.sync += place.eq(place + 1)
+                    m.d.sync += place.eq(place << 1)
                     m.next = "ASK"
                     with m.If(expecting):
                         m.next = "EXPECT"
-                        with m.If(place == _CRC_OCTETS - 1):
+                        with m.If(place[_CRC_OCTETS - 1]):
                             m.next = "COMPARE"
                     with m.Elif(last_octet):
-                        m.d.sync += [place.eq(0), place_in_table.eq(place_in_table + 1)]
+                        m.d.sync += [place.eq(1), place_in_table.eq(place_in_table + 1)]
                         with m.If(last_word):
                             m.d.sync += expecting.eq(1)
                             m.next = "EXPECT"
@@ -498,7 +469,7 @@ class Commands(wiring.Component):
             with m.State("COMPARE"):
                 m.d.comb += crc.start.eq(1)
                 m.d.sync += [
-                    expecting.eq(0), place.eq(0), place_in_table.eq(0), select.eq(select + 1)]
+                    expecting.eq(0), place.eq(1), place_in_table.eq(0), select.eq(select + 1)]
                 m.next = "ASK"
                 with m.If(~crc.match_detected):
                     refuse(Reason.DAMAGED_TABLE)
@@ -539,6 +510,63 @@ class Commands(wiring.Component):
                 m.next = "IDLE"
 
         return m
+
+    @staticmethod
+    def _counter(m, name, bits, event):
+        """A counter that stops at its end."""
+        value = Signal(bits, name=name)
+        with m.If(event & ~value.all()):
+            m.d.sync += value.eq(value + 1)
+        return value
+
+    def _time_capture(self, m, start, milliseconds):
+        """``capture`` for so many milliseconds from the clock after ``start`` on."""
+        # Both counters are one ahead, so that their signs tell of their ends. Subtracting ~y adds
+        # y + 1: a choice before a subtrahend costs nothing on a carry chain.
+        clocks = self.clock_hz // 1000
+        clock = Signal(signed(clocks.bit_length() + 1))
+        left = Signal(signed(17), init=-1)
+        m.d.comb += self.capture.eq(~left[16])
+        m.d.sync += clock.eq(clock - 1)
+        with m.If(start | clock[-1]):
+            m.d.sync += clock.eq(clocks - 2)
+        with m.If(start | (clock[-1] & self.capture)):
+            m.d.sync += left.eq(-2 - ~Mux(start, Cat(milliseconds, C(0, 1)), left))
+
+    @staticmethod
+    def _octets(fields):
+        return sum(field.bits // 8 for field in fields)
+
+    def _field(self, m, walks, walking, register, status):
+        """The octet of a reply's fields at which one of ``walks`` stands.
+
+        A bit walks along the octets of each kind of reply and shows one after the other, which
+        takes less than multiplexers would. The upper octet of a number is kept when its lower one
+        is shown, since the number may change meanwhile.
+        """
+        def at(kind, place, octet):
+            return Value.cast(octet) & walks[kind][place].replicate(8)
+
+        upper = Signal(8)
+        octets, uppers, place = 0, 0, 0
+        for entry in STATUS_FIELDS:
+            value = status[entry.name]
+            octets |= at(Command.STATUS, place, value[:8])
+            if entry.bits == 16:
+                uppers |= at(Command.STATUS, place, value[8:])
+                octets |= at(Command.STATUS, place + 1, upper)
+            place += entry.bits // 8
+        place = 0
+        for entry in IDENTITY_FIELDS:
+            for index in range(entry.bits // 8):
+                octets |= at(Command.IDENTIFY, place,
+                             C(self.identity[entry.name] >> 8 * index & 0xFF, 8))
+                place += 1
+        for index in range(4):
+            octets |= at(Command.READ, index, register.word_select(index, 8))
+        with m.If(walking):
+            m.d.sync += [upper.eq(uppers), *(walk.eq(walk << 1) for walk in walks.values())]
+        return octets
 
     def _begin(self):
         """The parameters of a BEGIN for this chip."""

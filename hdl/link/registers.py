@@ -6,7 +6,29 @@ from amaranth.lib.wiring import In, Out
 
 from hdl.protocol import Mode, registers
 
-__all__ = ["Registers"]
+__all__ = ["Registers", "register_members"]
+
+
+def register_members(clock_hz, baud):
+    """Members of a signature that tell of every register as it acts, by its name.
+
+    Raises
+    ------
+    ValueError
+        If clock and rate do not go together.
+    """
+    for name, value in [("System clock", clock_hz), ("Baud rate", baud)]:
+        if not isinstance(value, int) or value < 1:
+            raise ValueError(f"{name} must be a positive integer, not {value!r}")
+    if not 2 <= round(clock_hz / baud) < 1 << 16:
+        raise ValueError(f"{baud} baud cannot be made of a clock of {clock_hz} Hz: a bit must "
+                         "take 2 to 65535 clocks")
+    return {register.name: Out(_shape(register), init=register.reset)
+            for register in registers(clock_hz, baud)}
+
+
+def _shape(register):
+    return signed(register.bits) if register.signed else unsigned(register.bits)
 
 
 class Registers(wiring.Component):
@@ -28,7 +50,8 @@ class Registers(wiring.Component):
     Members
     -------
     address, value : :py:`In(8)`, :py:`In(32)`
-        Register and the value to write, in two's complement if the register is signed.
+        Register and the value to write, in two's complement if the register is signed. What
+        follows is about the address of the clock before, and the value of this one.
     known, fits, only_stopped : :py:`Out(1)`
         There is a register of that address; the value is inside its limits; it may be written
         only while the chip is stopped.
@@ -43,12 +66,7 @@ class Registers(wiring.Component):
     """
 
     def __init__(self, clock_hz=16_000_000, baud=115_200):
-        for name, value in [("System clock", clock_hz), ("Baud rate", baud)]:
-            if not isinstance(value, int) or value < 1:
-                raise ValueError(f"{name} must be a positive integer, not {value!r}")
-        if not 2 <= round(clock_hz / baud) < 1 << 16:
-            raise ValueError(f"{baud} baud cannot be made of a clock of {clock_hz} Hz: a bit must "
-                             "take 2 to 65535 clocks")
+        members = register_members(clock_hz, baud)
         self.table = registers(clock_hz, baud)
         super().__init__({
             "address": In(8),
@@ -60,31 +78,35 @@ class Registers(wiring.Component):
             "read_data": Out(32),
             "hand_over": In(1),
             "single_done": In(1),
-            **{register.name: Out(self._shape(register), init=register.reset)
-               for register in self.table},
+            **members,
         })
-
-    @staticmethod
-    def _shape(register):
-        return signed(register.bits) if register.signed else unsigned(register.bits)
 
     def elaborate(self, platform):
         m = Module()
+        # A flip-flop for each register tells that it is meant: with them the choices below take
+        # half of what they take behind the address.
+        chosen = Signal(len(self.table))
+        m.d.sync += chosen.eq(Cat(self.address == register.address for register in self.table))
+        fits, only_stopped, read_data = 0, 0, 0
         written = {}
-        with m.Switch(self.address):
-            for register in self.table:
-                name = register.name
-                written[name] = Signal(
-                    self._shape(register), name=f"{name}_written", init=register.reset)
-                with m.Case(register.address):
-                    m.d.comb += [
-                        self.known.eq(1),
-                        self.fits.eq(self._fits(register)),
-                        self.only_stopped.eq(register.only_stopped),
-                        self.read_data.eq(written[name]),
-                    ]
-                    with m.If(self.write):
-                        m.d.sync += written[name].eq(self.value)
+        for meant, register in zip(chosen, self.table, strict=True):
+            name = register.name
+            value = written[name] = Signal(
+                _shape(register), name=f"{name}_written", init=register.reset)
+            with m.If(meant & self.write):
+                m.d.sync += value.eq(self.value)
+            fits |= meant & self._fits(register)
+            if register.only_stopped:
+                only_stopped |= meant
+            wide = Signal(signed(32), name=f"{name}_wide")
+            m.d.comb += wide.eq(value)
+            read_data |= wide & meant.replicate(32)
+        m.d.comb += [
+            self.known.eq(chosen.any()),
+            self.fits.eq(fits),
+            self.only_stopped.eq(only_stopped),
+            self.read_data.eq(read_data),
+        ]
         with m.If(self.hand_over):
             m.d.sync += [getattr(self, name).eq(value) for name, value in written.items()]
 
@@ -93,7 +115,7 @@ class Registers(wiring.Component):
         done = Signal()
         m.d.comb += done.eq(self.single_done & (mode == Mode.SINGLE))
         new = Signal()
-        with m.If(self.write & (self.address == self._address("mode"))):
+        with m.If(self.write & chosen[self._index("mode")]):
             m.d.sync += new.eq(1)
         with m.Else():
             with m.If(self.hand_over):
@@ -104,8 +126,8 @@ class Registers(wiring.Component):
             m.d.sync += mode.eq(Mode.STOP)
         return m
 
-    def _address(self, name):
-        return next(register.address for register in self.table if register.name == name)
+    def _index(self, name):
+        return next(n for n, register in enumerate(self.table) if register.name == name)
 
     def _fits(self, register):
         """Whether the value is inside the register's limits."""

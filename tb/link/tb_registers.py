@@ -43,6 +43,7 @@ async def addresses_and_limits(dut):
             values += [0xFFFFFFFF ^ 1 << bit for bit in range(32)]
         for value in values:
             dut.address.value, dut.value.value = address, value
+            await RisingEdge(dut.clk)
             await ReadOnly()
             want = reason(model, address, value)
             assert bool(dut.known.value) == (register is not None)
@@ -71,9 +72,10 @@ async def what_acts_is_what_the_model_says(dut):
         if address == 0:
             value = rng.choice([Mode.SINGLE, Mode.SINGLE, rng.randrange(4)])
         hand_over, single_done = rng.random() < 0.1, rng.random() < 0.2
-        dut.address.value, dut.value.value = address, value
-        dut.hand_over.value, dut.single_done.value = hand_over, single_done
         dut.write.value = 0
+        dut.address.value, dut.value.value = address, value
+        await RisingEdge(dut.clk)
+        dut.hand_over.value, dut.single_done.value = hand_over, single_done
         await ReadOnly()
         for each in model.registers.values():
             mask = (1 << each.bits) - 1
@@ -98,6 +100,7 @@ async def writing_and_handing_over_in_one_clock(dut):
     """What is written in the clock of a hand-over acts from the next one on."""
     bench = make(dut)
     await bench.reset()
+    await RisingEdge(dut.clk)
     for mode, single_done in [(1, 0), (2, 0), (3, 0), (2, 0), (2, 1), (1, 1), (2, 0), (0, 1)]:
         before = int(dut.mode.value)
         dut.address.value, dut.value.value, dut.write.value = 0, mode, 1

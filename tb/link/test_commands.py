@@ -3,9 +3,11 @@ import random
 
 import pytest
 
+from hdl.export import to_verilog
 from hdl.link.commands import Commands
 from hdl.protocol import GUARD_CAUSES, TABLES, Command, Mode, Reason
 from model.link.receiver import encode
+from scripts.size import measure_verilog
 from tb.hdlsim import run
 from tb.link.command_host import Host
 from tb.link.command_rig import CommandRig
@@ -315,6 +317,11 @@ def test_counters_stop_at_their_ends():
         host.send(b"", 100)
     host.model.status.update(framing=255, damaged=65_535)
     host.read_everything()
+
+
+def test_is_small():
+    verilog = to_verilog(Commands(352, 288, 49, 2), "commands")
+    assert measure_verilog(verilog, "commands", muxf=False)["lut4"] <= 1150
 
 
 @pytest.mark.parametrize("arguments,error", [

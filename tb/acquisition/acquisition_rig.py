@@ -5,6 +5,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from hdl.acquisition.addressed_camera import AddressedCamera
 from hdl.acquisition.camera import Camera
 from hdl.acquisition.laser_guard import LaserGuard
 from hdl.acquisition.sequencer import Sequencer
@@ -18,16 +19,24 @@ _OUTPUTS = ("sensor_reset", "sensor_integrate", "sensor_read", "timeouts", "late
 
 
 class AcquisitionRig(wiring.Component):
-    """``guard``: other arguments for the laser guard, which may so be ready sooner."""
+    """``guard``: other arguments for the laser guard, which may so be ready sooner.
 
-    def __init__(self, width, height, guard=None):
-        self.sequencer, self.camera = Sequencer(), Camera(width, height)
+    ``converter``: arguments for a camera of addressed pixels, which then takes the other's place.
+    """
+
+    def __init__(self, width, height, guard=None, converter=None):
+        self.sequencer = Sequencer()
+        self.addressed = converter is not None
+        self.camera = (AddressedCamera(width, height, **converter) if self.addressed
+                       else Camera(width, height))
         self.guard = LaserGuard(**(guard or {}))
         members = self.sequencer.signature.members
+        camera = self.camera.signature.members
+        self.pins = ("row", "column", "convert", "sending") if self.addressed else ()
         super().__init__({
-            "frame_valid": In(1),
-            "line_valid": In(1),
             "data": In(8),
+            **({} if self.addressed else {"frame_valid": In(1), "line_valid": In(1)}),
+            **{name: camera[name] for name in self.pins},
             **{name: members[name] for name in (*_INPUTS, *_OUTPUTS)},
             "laser": Out(1),
             "causes": Out(5),
@@ -40,7 +49,15 @@ class AcquisitionRig(wiring.Component):
         m.submodules.sequencer = sequencer = self.sequencer
         m.submodules.guard = guard = self.guard
         m.submodules.camera = camera = self.camera
-        m.submodules += FFSynchronizer(self.frame_valid, sequencer.sending)
+        m.d.comb += camera.data.eq(self.data)
+        if self.addressed:
+            m.d.comb += [camera.sensor_read.eq(sequencer.sensor_read),
+                         sequencer.sending.eq(camera.sending)]
+            m.d.comb += [getattr(self, name).eq(getattr(camera, name)) for name in self.pins]
+        else:
+            m.submodules += FFSynchronizer(self.frame_valid, sequencer.sending)
+            m.d.comb += [camera.frame_valid.eq(self.frame_valid),
+                         camera.line_valid.eq(self.line_valid)]
         connect(m, camera.o, flipped(self.o))
         inside, taken = Signal(), Signal()
         mark = camera.o.p.mark
@@ -50,8 +67,6 @@ class AcquisitionRig(wiring.Component):
             taken.eq(camera.o.valid & camera.o.ready),
             *(getattr(sequencer, name).eq(getattr(self, name)) for name in _INPUTS),
             *(getattr(self, name).eq(getattr(sequencer, name)) for name in (*_OUTPUTS, "tag")),
-            *(getattr(camera, name).eq(getattr(self, name))
-              for name in ("frame_valid", "line_valid", "data")),
             sequencer.frame_begun.eq(taken & ~inside & ~mark.broken),
             sequencer.frame_ended.eq(taken & mark.frame_end & ~mark.broken),
             sequencer.frame_broken.eq(taken & mark.broken),

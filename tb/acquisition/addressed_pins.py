@@ -69,9 +69,15 @@ class AddressedImagerPins(ExposedPins):
         self.taken = []  # (microseconds integrated, microseconds lit, picture)
         self._exposed = None
         self.converter = AddressedPins(dut, self.pixels, latency, settle)
+        cocotb.start_soon(self._begin())
+
+    async def _begin(self):
+        while True:
+            await RisingEdge(self.dut.sensor_read)
+            self._exposed = None
 
     def pixels(self):
-        """The picture, exposed anew whenever the pixels have changed."""
+        """The picture, exposed anew for each read-out and whenever the pixels have changed."""
         exposed = self.exposed()
         if exposed != self._exposed:
             self._exposed = exposed

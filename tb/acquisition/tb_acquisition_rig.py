@@ -10,6 +10,7 @@ from hdl.protocol import Mode
 from model.optics import scenes
 from model.optics.imager import Imager
 from model.optics.rigs import RIGS
+from tb.acquisition.addressed_pins import AddressedImagerPins
 from tb.acquisition.imager_pins import ImagerPins
 from tb.harness import parameters
 from tb.native_block import unpack
@@ -18,11 +19,17 @@ from tb.native_block import unpack
 class RigBench:
     """Sequencer, laser guard and camera with the imager; frames as they come, with their tags."""
 
-    def __init__(self, dut, imager, blanking):
+    def __init__(self, dut, imager):
         cocotb.start_soon(Clock(dut.clk, 62_500, unit="ps").start())
         self.dut, self.frames = dut, []
-        self.pins = ImagerPins(dut, imager, blanking=blanking)
-        dut.rst.value, dut.pixel_rst.value, dut.o_ready.value = 1, 1, 1
+        self.addressed = "latency" in parameters()
+        if self.addressed:
+            self.pins = AddressedImagerPins(
+                dut, imager, parameters()["latency"], parameters()["interval"])
+        else:
+            self.pins = ImagerPins(dut, imager, blanking=parameters()["blanking"])
+            dut.pixel_rst.value = 1
+        dut.rst.value, dut.o_ready.value = 1, 1
         for name, value in {
                 "mode": Mode.CONTINUOUS, "pattern_reset_us": 100, "pattern_us": 500,
                 "texture_reset_us": 100, "texture_us": 10_000,
@@ -30,11 +37,11 @@ class RigBench:
             getattr(dut, name).value = value
 
     async def begin(self):
-        await ClockCycles(self.dut.pixel_clk, 3)
-        await ClockCycles(self.dut.clk, 3)
+        await ClockCycles(self.dut.clk, 10)
         self.dut.rst.value = 0
-        await RisingEdge(self.dut.pixel_clk)
-        self.dut.pixel_rst.value = 0
+        if not self.addressed:
+            await RisingEdge(self.dut.pixel_clk)
+            self.dut.pixel_rst.value = 0
         cocotb.start_soon(self._pixels())
 
     async def _pixels(self):
@@ -71,12 +78,12 @@ async def pairs(dut):
     imager = Imager.of_scene(rig, scene, 1, noise=None)
     nominal = {(0, 0): imager.expose(500, 0), (0, 1): imager.expose(500, 500),
                (1, 0): imager.expose(10_000, 0)}
-    bench = RigBench(dut, imager, parameters()["blanking"])
+    bench = RigBench(dut, imager)
     await bench.begin()
     while len(bench.frames) < 2 or not all(
             any(tag["laser"] == laser and tag["texture"] == texture for _, tag in bench.frames)
             for texture, laser in nominal):
-        await FallingEdge(dut.frame_valid)
+        await FallingEdge(dut.sending if bench.addressed else dut.frame_valid)
     await Timer(10, unit="us")
     assert len(bench.frames) == len(bench.pins.taken)
     for (picture, tag), (integrated, lit, sent) in zip(bench.frames, bench.pins.taken,
@@ -95,7 +102,7 @@ async def imager_stops_and_comes_back(dut):
     rig = RIGS[parameters()["rig"]]
     scene = scenes.sequence("polyp", rig, 1, np.random.default_rng(1))[0]
     imager = Imager.of_scene(rig, scene, 1, noise=None)
-    bench = RigBench(dut, imager, parameters()["blanking"])
+    bench = RigBench(dut, imager)
     await bench.begin()
     for _ in range(2):  # the first frame is whole
         await RisingEdge(dut.frame_valid)

@@ -3,7 +3,8 @@
 import numpy as np
 
 from calibration.undistortion import build
-from model.preprocessing.remap import OUTSIDE
+from model.preprocessing.remap import OUTSIDE, pack_remap
+from scripts.errors import UserError
 
 __all__ = ["remap_settings", "remap_table"]
 
@@ -38,7 +39,17 @@ def remap_settings(lens):
 
     Centres in the corrected image are undistorted already: registers and radial table are those
     of a lens without distortion, which leave every place where it is, to the last bit.
+
+    Raises
+    ------
+    UserError
+        If the chip's table cannot hold this lens.
     """
+    table = remap_table(lens)
+    try:
+        pack_remap(table)
+    except ValueError as error:
+        raise UserError(f"{error}. Use a lens that distorts less.") from error
     tables = build(lens.focal, *lens.centre, 0, 0, 0, 0, lens.width, lens.height)
-    return {"remap": remap_table(lens), **{name: tables[name] for name in (
+    return {"remap": table, **{name: tables[name] for name in (
         "principal_u", "principal_v", "tangential_1", "tangential_2", "radial")}}

@@ -25,7 +25,6 @@ __all__ = ["BOARD", "Paper"]
 _FRAMES_IN_FLIGHT = 4
 #: Clocks that the spot side goes on after the last sign of work: no block hides any for longer.
 _LINGER = 127
-_MEMORY_WORDS = 1 << 19
 _SCREEN = ("hsync", "vsync", "visible", "red", "green", "blue")
 #: What the board has beside that of the preset ``capsule``.
 BOARD = {
@@ -54,20 +53,20 @@ class Paper(wiring.Component):
 
     **External memory**, 512K words of 32 bits, clients in the order in which they are served:
 
-    ================ ============================================ ==============================
-    client           words                                        accesses of a pair
-    ================ ============================================ ==============================
-    0 display        three banks of frames from word 393,216 on,  a write for 4 pixels of each
-                     a word for 4 pixels (two banks where three   pattern, 60 times a second a
-                     have no room)                                read for 4 pixels
-    1 labelling      the image of labels from word 262,144 on, a  a write and a read for 2 pixels
+    ================ ===================================== =====================================
+    client           words                                 accesses
+    ================ ===================================== =====================================
+    0 display        three banks of frames from 262,144    a write for 4 pixels of each pattern;
+                     on, a word for 4 pixels               60 times a second a read for 4 pixels
+    1 labelling      the image of labels from 131,072 on,  a write and a read for 2 pixels of
+                     a word for 2 pixels                   each pattern
+    2 places         the table of places from 0 on, a      a read for 2 pixels of each pattern
                      word for 2 pixels
-    2 places         the table of places from word 0 on, a word   a read for each pixel
-                     for each pixel
-    3 ``memory``     any                                          the table, once
-    ================ ============================================ ==============================
+    3 ``memory``     any                                   the table of places, once
+    ================ ===================================== =====================================
 
-    The table of places must be written through ``memory``, in any time, before frames are measured.
+    The table of places, see :class:`.preprocessing.remap.Remap`, must be written through ``memory``
+    before frames are measured; nothing has to wait for it.
 
     The screen shows the corrected pattern frames with their spots, in the domain ``display``, see
     :class:`.display.vga.VGA`.
@@ -193,9 +192,7 @@ class Paper(wiring.Component):
         ]
 
         # Display of the corrected frames.
-        three = -(-size["width"] // 4) * size["height"] * 3 <= _MEMORY_WORDS - FREE_BASE
-        m.submodules.frames = frames = SRAMFrames(
-            **size, banks=3 if three else 2, base=FREE_BASE)
+        m.submodules.frames = frames = SRAMFrames(**size, banks=3, base=FREE_BASE)
         m.submodules.vga = vga = VGA(**size)
         connect(m, measure.corrected, frames.i)
         spot = quota.o.valid & quota.o.ready

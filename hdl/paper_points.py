@@ -35,9 +35,9 @@ from .stereo.undistort import Undistort
 
 __all__ = ["FREE_BASE", "LABEL_BASE", "REGISTERS", "REMAP_BASE", "PaperPoints"]
 
-#: First words in the external memory of the table of places, a word for each pixel of the corrected
-#: image, of the image of labels, two to a word, and of what is free.
-REMAP_BASE, LABEL_BASE, FREE_BASE = 0, 1 << 18, 3 << 17
+#: First words in the external memory of the table of places and of the image of labels, both with
+#: two pixels to a word, and of what is free.
+REMAP_BASE, LABEL_BASE, FREE_BASE = 0, 1 << 17, 1 << 18
 #: Clocks from spot to spot: as many as the slowest takes to become a point, so that the burst in
 #: which labelling reports a frame does not flood the queue.
 _SPOT_CLOCKS = 22
@@ -77,9 +77,8 @@ class PaperPoints(wiring.Component):
     again, which frees the bank; one more clock a pixel, three a label and 22 a spot are spent on
     the second pass, while the next frame may be stored already.
 
-    Two clients of the external memory: 0 the image of labels, 1 the table of places, whose word
-    :data:`REMAP_BASE` + n tells in its low 18 bits which pixel is shown by pixel n of the corrected
-    image, see :class:`.preprocessing.remap.Remap`.
+    Two clients of the external memory: 0 the image of labels, 1 the table of places, whose word n
+    is at :data:`REMAP_BASE` + n, see :class:`.preprocessing.remap.Remap`.
 
     Spots are worked on in the domain ``spot``. It may stand still when ``moves`` has been low for
     some time, and must go on in the clock in which it rises.
@@ -212,7 +211,7 @@ class PaperPoints(wiring.Component):
             self.command[1].p.address.eq(REMAP_BASE + remap.ask.p),
             remap.ask.ready.eq(self.command[1].ready),
             remap.answer.valid.eq(self.answer[1].valid),
-            remap.answer.payload.eq(self.answer[1].p[:18]),
+            remap.answer.payload.eq(self.answer[1].p),
         ]
 
         m.d.comb += [

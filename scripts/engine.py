@@ -16,6 +16,7 @@ from model.capsule import Capsule as CapsuleModel
 from model.link.framer import frame as framed
 from model.link.points import packets
 from model.paper import Paper as PaperModel
+from model.preprocessing.remap import pack_remap
 from scripts.errors import UserError
 from scripts.link import Decoder
 from scripts.native import ROOT, build, clocked_verilog
@@ -175,7 +176,7 @@ class RTLEngine(_Engine):
                 self._handle, memory, ctypes.c_uint32(address), parts)
         self._library.capsule_swap(self._handle)
         if self.config.preset == "paper":
-            table = np.asarray(settings.remap, dtype=np.uint32)
+            table = pack_remap(settings.remap).astype(np.uint32)
             self._library.capsule_write_memory(
                 self._handle, ctypes.c_uint32(REMAP_BASE), table.ctypes.data_as(ctypes.c_void_p),
                 ctypes.c_size_t(len(table)))

@@ -7,30 +7,41 @@ from amaranth.lib.wiring import In, Out
 
 from ..payloads import GreyPixel
 
-__all__ = ["OUTSIDE", "Remap"]
+__all__ = ["DIFFERENCE_BITS", "Remap"]
 
-#: Word of a corrected pixel that no pixel of the image shows.
-OUTSIDE = (1 << 18) - 1
-#: Pixels that may be on their way from the table to ``o``.
-_ON_THEIR_WAY = 16
+#: Bits of the difference between the two places in a word of the table.
+DIFFERENCE_BITS = 12
+_WORD_BITS = 32
+#: Words that may be on their way from the table.
+_ON_THEIR_WAY = 8
 
 
 class Remap(wiring.Component):
     """Reads a stored image in the order of the corrected one, nearest neighbour.
 
-    The table has a word for each pixel of the corrected image, in raster order: the number of the
-    image's pixel that it shows, in raster order too. :data:`OUTSIDE`, and all numbers that the
-    image does not have, show 0.
+    The table has a word for each two pixels of the corrected image, in raster order. It tells
+    which pixels of the image they show, both numbered in raster order:
+
+    ======== ==================================================================
+    bits     meaning
+    ======== ==================================================================
+    0 to 17  pixel that the first one shows
+    18 to 29 pixel that the second one shows, less that; signed
+    30, 31   the first one, the second one shows nothing and is 0
+    ======== ==================================================================
+
+    Places beyond the image must be marked as showing nothing.
 
     A frame waits at ``start`` while it is read, and is taken when the image is needed no longer.
     A frame that lost synchronism is not read: a ``broken`` beat stands for it.
 
     One pixel a clock as long as ``ask`` and ``o`` are ready and a word answers within 12 clocks;
-    a pixel is at ``o`` three clocks after its word. No more words are asked for than there is room
-    for their pixels. Reset forgets all frames.
+    a word's first pixel is at ``o`` three clocks after it. No more words are asked for than there
+    is room for. Reset forgets all frames.
 
     Paper, section on distortion correction: a look-up table computed off-line, nearest neighbour,
-    8-bit pixels, 18-bit coordinates.
+    8-bit pixels, 18-bit coordinates. Telling the second of two places by a difference is ours: it
+    halves the traffic.
 
     Parameters
     ----------
@@ -41,14 +52,14 @@ class Remap(wiring.Component):
     -------
     start : :py:`In(stream.Signature(1))`
         A frame is stored; high if it lost synchronism.
-    ask : :py:`Out(stream.Signature(18))`
+    ask : :py:`Out(stream.Signature(17))`
         Word of the table that is wanted.
-    answer : :py:`In(stream.Signature(18, always_ready=True))`
+    answer : :py:`In(stream.Signature(32, always_ready=True))`
         Words, in the order in which they were asked for.
     address, read : :py:`Out(18)`, :py:`Out(1)`
         Pixel of the image that is read in this clock.
     grey : :py:`In(8)`
-        Its grey value, one clock later.
+        Its grey value, from the next clock until another one is read.
     o : :py:`Out(stream.Signature(GreyPixel))`
         The corrected image.
     """
@@ -60,8 +71,8 @@ class Remap(wiring.Component):
         self.width, self.height = width, height
         super().__init__({
             "start": In(stream.Signature(1)),
-            "ask": Out(stream.Signature(18)),
-            "answer": In(stream.Signature(18, always_ready=True)),
+            "ask": Out(stream.Signature(17)),
+            "answer": In(stream.Signature(_WORD_BITS, always_ready=True)),
             "address": Out(18),
             "read": Out(1),
             "grey": In(8),
@@ -71,66 +82,78 @@ class Remap(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         pixels = self.width * self.height
+        words = (pixels + 1) // 2
 
-        # `unread` counts words that were asked for and pixels that have not been read yet,
-        # `unsent` those that have not left, both on their way.
-        asked = Signal(range(pixels))
+        # Words are asked for as long as there is room for them; they wait in a queue.
+        asked = Signal(range(words))
         all_asked = Signal()
-        unread = Signal(range(_ON_THEIR_WAY + 1))
-        unsent = Signal(range(_ON_THEIR_WAY + 1))
-        asks, sends, reads, done = Signal(), Signal(), Signal(), Signal()
+        on_their_way = Signal(range(_ON_THEIR_WAY + 1))
+        asks, used, done = Signal(), Signal(), Signal()
+        m.submodules.queue = queue = SyncFIFO(width=_WORD_BITS, depth=_ON_THEIR_WAY)
         m.d.comb += [
             self.ask.p.eq(asked),
-            self.ask.valid.eq(self.start.valid & ~self.start.p & ~all_asked & ~unsent[-1]),
+            self.ask.valid.eq(
+                self.start.valid & ~self.start.p & ~all_asked & ~on_their_way[-1]),
             asks.eq(self.ask.valid & self.ask.ready),
-            done.eq(all_asked & (unread == 0)),
+            queue.w_en.eq(self.answer.valid),
+            queue.w_data.eq(self.answer.p),
+            queue.r_en.eq(used),
         ]
         with m.If(asks):
             m.d.sync += [
-                asked.eq(Mux(asked == pixels - 1, 0, asked + 1)),
-                all_asked.eq(asked == pixels - 1),
+                asked.eq(Mux(asked == words - 1, 0, asked + 1)),
+                all_asked.eq(asked == words - 1),
             ]
         with m.If(done):
             m.d.sync += all_asked.eq(0)
-        for counter, less in [(unread, reads), (unsent, sends)]:
-            with m.If(asks & ~less):
-                m.d.sync += counter.eq(counter + 1)
-            with m.Elif(less & ~asks):
-                m.d.sync += counter.eq(counter - 1)
+        with m.If(asks & ~used):
+            m.d.sync += on_their_way.eq(on_their_way + 1)
+        with m.Elif(used & ~asks):
+            m.d.sync += on_their_way.eq(on_their_way - 1)
 
-        # A word comes, its pixel is read, and queued.
-        arrived, outside = Signal(), Signal()
-        dark = Signal()
-        m.submodules.queue = queue = SyncFIFO(width=8, depth=_ON_THEIR_WAY)
+        # A word's two places, one after the other; then their pixels.
+        second, single = Signal(), Signal()
+        place_free, pixel_free = Signal(), Signal()
+        placed, shown, dark = Signal(), Signal(), Signal()
+        outside = Signal()
+        place, difference = queue.r_data[:18], queue.r_data[18:30].as_signed()
         m.d.comb += [
-            self.read.eq(arrived),
-            queue.w_en.eq(reads),
-            queue.w_data.eq(Mux(dark, 0, self.grey)),
+            pixel_free.eq(~shown | self.o.ready),
+            place_free.eq(~placed | pixel_free),
+            used.eq(queue.r_rdy & place_free & (second | single)),
+            self.read.eq(placed & pixel_free),
+            done.eq(all_asked & (on_their_way == 0) & ~placed),
         ]
-        m.d.sync += [
-            arrived.eq(self.answer.valid),
-            self.address.eq(self.answer.p),
-            outside.eq(self.answer.p >= min(pixels, OUTSIDE)),
-            reads.eq(arrived),
-            dark.eq(outside),
-        ]
+        with m.If(place_free):
+            m.d.sync += [
+                placed.eq(queue.r_rdy),
+                second.eq(queue.r_rdy & ~second & ~single),
+                self.address.eq(place + Mux(second, difference, 0)),
+                outside.eq(Mux(second, queue.r_data[31], queue.r_data[30])),
+            ]
+        with m.If(pixel_free):
+            m.d.sync += [shown.eq(placed), dark.eq(outside)]
+        if pixels % 2:
+            # The last word has one place only.
+            left = Signal(range(words), init=words - 1)
+            m.d.comb += single.eq(left == 0)
+            with m.If(used):
+                m.d.sync += left.eq(Mux(single, words - 1, left - 1))
 
         column, row = Signal(range(self.width)), Signal(range(self.height))
         line_end, frame_end, breaks = Signal(), Signal(), Signal()
         m.d.comb += [
             line_end.eq(column == self.width - 1),
             frame_end.eq(line_end & (row == self.height - 1)),
-            breaks.eq(self.start.valid & self.start.p & (unsent == 0)),
-            queue.r_en.eq(self.o.ready),
-            sends.eq(queue.r_rdy & self.o.ready),
+            breaks.eq(self.start.valid & self.start.p & ~shown),
             self.start.ready.eq(Mux(self.start.p, breaks & self.o.ready, done)),
-            self.o.valid.eq(queue.r_rdy | breaks),
-            self.o.p.grey.eq(Mux(breaks, 0, queue.r_data)),
+            self.o.valid.eq(shown | breaks),
+            self.o.p.grey.eq(Mux(breaks | dark, 0, self.grey)),
             self.o.p.mark.line_end.eq(line_end | breaks),
             self.o.p.mark.frame_end.eq(frame_end | breaks),
             self.o.p.mark.broken.eq(breaks),
         ]
-        with m.If(sends):
+        with m.If(shown & self.o.ready):
             m.d.sync += column.eq(Mux(line_end, 0, column + 1))
             with m.If(line_end):
                 m.d.sync += row.eq(Mux(frame_end, 0, row + 1))

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-__all__ = ["OUTSIDE", "remap"]
+__all__ = ["OUTSIDE", "pack_remap", "remap"]
 
-#: Word of a corrected pixel that no pixel of the image shows.
+#: Place of a corrected pixel that shows nothing.
 OUTSIDE = (1 << 18) - 1
+_DIFFERENCE_BITS = 12
 
 
 def remap(frame, table):
@@ -24,7 +25,32 @@ def remap(frame, table):
     array (height, width) of uint8
         Grey values, 0 outside the image.
     """
-    table = np.asarray(table, dtype=np.int64) & OUTSIDE
-    # Words that name no pixel of the image show nothing either.
-    shown = table < min(frame.size, OUTSIDE)
+    table = np.asarray(table, dtype=np.int64)
+    shown = table != OUTSIDE
     return np.where(shown, frame.ravel()[table * shown], 0).astype(np.uint8).reshape(frame.shape)
+
+
+def pack_remap(table):
+    """The table as the chip's memory holds it, a word of 32 bits for each two pixels.
+
+    Bits 0 to 17 are the first one's place, bits 18 to 29 the second one's less that, signed; bits
+    30 and 31 tell that the first one, the second one shows nothing. The place of what shows nothing
+    is its neighbour's.
+
+    Raises
+    ------
+    ValueError
+        If two places are too far from each other.
+    """
+    places = np.asarray(table, dtype=np.int64)
+    places = np.append(places, np.full(len(places) % 2, OUTSIDE)).reshape(-1, 2)
+    outside = places == OUTSIDE
+    places = np.where(outside, places[:, ::-1], places)
+    places = np.where(outside.all(axis=1)[:, None], 0, places)
+    difference = places[:, 1] - places[:, 0]
+    limit = 1 << (_DIFFERENCE_BITS - 1)
+    if np.any((difference < -limit) | (difference >= limit)):
+        raise ValueError("Neighbours in the corrected image lie too far from each other in the "
+                         f"image: more than {limit} pixels, in raster order")
+    return (places[:, 0] | (difference & (2 * limit - 1)) << 18
+            | outside[:, 0].astype(np.int64) << 30 | outside[:, 1].astype(np.int64) << 31)

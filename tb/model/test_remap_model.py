@@ -9,7 +9,7 @@ import pytest
 from calibration.lens import Lens
 from calibration.remap import remap_table
 from model.optics.rigs import RIGS
-from model.preprocessing.remap import OUTSIDE, remap
+from model.preprocessing.remap import OUTSIDE, pack_remap, remap
 from tb.system.stimuli import spot_frame
 
 
@@ -53,9 +53,22 @@ def test_beyond_the_fold_there_is_nothing():
     assert not shown[radius >= lens.fold_radius].any() and shown.any()
 
 
-def test_words_that_name_no_pixel_show_nothing():
-    frame = np.full((16, 16), 9, np.uint8)
-    table = np.arange(256) + 250
-    table[-1] = OUTSIDE
-    assert np.count_nonzero(remap(frame, table)) == 6
-    assert remap(np.full((512, 512), 9, np.uint8), [OUTSIDE] * 512 * 512).max() == 0
+@pytest.mark.parametrize("name", LENSES)
+def test_words_tell_the_places(name):
+    table = np.array(remap_table(LENSES[name]))
+    words = pack_remap(table)
+    first = words & 0x3FFFF
+    second = first + ((words >> 18 & 0xFFF) ^ 0x800) - 0x800
+    first, second = (np.where(words >> bit & 1, OUTSIDE, place)
+                     for bit, place in ((30, first), (31, second)))
+    assert np.array_equal(np.stack([first, second], axis=-1).ravel(), table)
+    assert words.max() < 1 << 32
+
+
+def test_words_have_room_for_so_much():
+    assert pack_remap([0, 2047]).tolist() == [2047 << 18]
+    assert pack_remap([2048, 0, 5]).tolist() == [2048 | 0x800 << 18, 5 | 1 << 31]
+    assert pack_remap([OUTSIDE, 7, OUTSIDE, OUTSIDE]).tolist() == [7 | 1 << 30, 3 << 30]
+    for table in ([0, 2048], [2049, 0]):
+        with pytest.raises(ValueError, match="Neighbours in the corrected image lie too far"):
+            pack_remap(table)

@@ -1,8 +1,7 @@
 # amaranth: UnusedElaboratable=no
 import pytest
 
-from hdl.preprocessing.remap import OUTSIDE, Remap
-from model.preprocessing import remap as model
+from hdl.preprocessing.remap import Remap
 from tb.hdlsim import run
 
 
@@ -10,10 +9,6 @@ from tb.hdlsim import run
 def test_remap(request, width, height, seed):
     run(request, "remap", "tb.preprocessing.tb_remap", component=Remap(width, height),
         parameters={"width": width, "height": height, "seed": seed})
-
-
-def test_word_of_no_pixel_is_the_models():
-    assert OUTSIDE == model.OUTSIDE
 
 
 @pytest.mark.parametrize("size,name,value", [

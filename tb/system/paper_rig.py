@@ -13,6 +13,7 @@ from hdl.common.stage import Stage
 from hdl.paper_points import REGISTERS, REMAP_BASE, PaperPoints
 from hdl.payloads import Counts, FrameInfo, GreyPixel, MemoryCommand, Point
 from model.link.points import POINT
+from model.preprocessing.remap import pack_remap
 from scripts.native import ROOT
 from tb.native_block import NativeBlock, pack, unpack
 from tb.preprocessing.frames import BROKEN_GREY, grey_words
@@ -150,7 +151,7 @@ class PaperBench:
         block.reset()
         block.set(bank=1, **{name: value for name, value in settings.registers().items()
                              if name in REGISTERS})
-        table = np.asarray(settings.remap)
+        table = pack_remap(settings.remap)
         self._load(kind=_MEMORY, memory_write=1, memory_lanes=0b1111,
                    memory_address=REMAP_BASE + np.arange(len(table)), memory_data=table)
         for select, words in enumerate((settings.depth, settings.reciprocal, settings.radial)):

@@ -2,7 +2,7 @@
 
 from amaranth import *
 from amaranth.lib import stream, wiring
-from amaranth.lib.fifo import SyncFIFOBuffered
+from amaranth.lib.fifo import SyncFIFO
 from amaranth.lib.wiring import In, Out
 
 from ..payloads import GreyPixel
@@ -59,6 +59,9 @@ class AddressedCamera(wiring.Component):
                 raise ValueError(f"{name} must be an integer from {low} to {high}, not {value!r}")
         self.width, self.height = width, height
         self.latency, self.interval = latency, interval
+        # Room for all conversions that may be under way, and for a few clocks in the queue, so that
+        # a reader who takes every pixel at once never costs a clock.
+        self.depth = 1 << (latency // interval + 2).bit_length()
         super().__init__({
             "sensor_read": In(1),
             "row": Out(range(height)),
@@ -71,11 +74,8 @@ class AddressedCamera(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        # Room for all conversions that may be under way, and for what the queue has taken out
-        # before its reader sees it; so that a full stream costs no clock.
-        depth = -(-self.latency // self.interval) + 4
-        m.submodules.queue = queue = SyncFIFOBuffered(
-            width=Shape.cast(GreyPixel).width, depth=depth)
+        depth = self.depth
+        m.submodules.queue = queue = SyncFIFO(width=Shape.cast(GreyPixel).width, depth=depth)
         room = Signal(range(depth + 1), init=depth)
 
         before, begins = Signal(), Signal()

@@ -230,6 +230,7 @@ QUEUES = {
     "frame_info": _library(FrameInfo, 4),
     "quota.queue": _library(Counts, 4),
     "remap.queue": _library(8, 16),
+    "addressed_camera.queue": _library(GreyPixel, 8),
     "camera.queue": Queue(lambda: fifo.AsyncFIFO(
         width=Shape.cast(GreyPixel).width, depth=16, w_domain="write", r_domain="read"),
         _async_fifo, ("write", "read"), "amaranth's AsyncFIFO, 16 words, any two clocks"),

@@ -308,7 +308,15 @@ def _quota(m, block, g, inside):
     _sync_queue(m, g, "queue", block.frames)
 
 
+def _addressed_camera(m, block, g, inside):
+    # Every conversion under way has its place in the queue.
+    _sync_queue(m, g, "queue", block.depth)
+    under_way = sum(g[f"word_{stage}"][0] for stage in range(1, block.latency + 1))
+    formal.claim(m, "room", g["room"] + g["queue.level"] + under_way == block.depth)
+
+
 CASES = {
+    "addressed_camera": Case(_addressed_camera),
     "depth": Case(_depth),
     "undistort": Case(_undistort),
     "quota": Case(_quota),

@@ -23,14 +23,13 @@ class Texture(wiring.Component):
     Sending goes through the image in raster order, round and round. From each frame the pixels
     from the place on where sending stands are captured, up to 1023 or to the image's end, in one
     half of a memory while those of the frame before are sent from the other. Once the frame has
-    come whole, sending goes on from its pixels, at the next packet. So every pixel is at most two
-    frames old, and none comes from a broken frame. When all are sent, the next frame is waited
-    for. A packet of pixels ends at the row's end, at 86 pixels or where there are no more.
+    come whole, sending goes on from its pixels, at the next packet. So pixels come from the newest
+    whole frame that has any there, and none from a broken one. When all are sent, the next frame is
+    waited for. A packet of pixels ends at the row's end, at 86 pixels or where there are no more.
 
     For each frame there is one packet of kind TEXTURE_FRAME, after its last pixel, before any
     packet of pixels that is not offered yet. A frame that begins while that of the one before is
-    still to be sent, or while the pixels of the one before wait for a packet to end, is not taken:
-    ``info`` is not ready.
+    still to be sent is not taken: ``info`` is not ready.
 
     ``i.ready`` is always high. Octets follow each other within 2 clocks, once the packet's first is
     taken. After reset sending begins at the first pixel.
@@ -98,7 +97,8 @@ class Texture(wiring.Component):
         told = Signal()  # its last octet is taken
         m.d.comb += [
             self.i.ready.eq(1),
-            self.info.ready.eq(~whole & ~due),
+            # Sending goes over before this is told, so pixels never wait for longer.
+            self.info.ready.eq(~due),
             starts.eq((passing_row == row) & (passing_column == column) & ~captured),
             write.addr.eq(Cat(Mux(starts, place, write_place), ~half)),
             write.data.eq(pixel.grey),

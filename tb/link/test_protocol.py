@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """The tables and the example of the READMEs say what the chip does."""
 
 import re
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from hdl import protocol
+from hdl.link.commands import Commands
 from model.link.framer import frame, wire_octets
 from model.link.points import POINT, PatternFrame, packets
 from scripts import protocol as tables
@@ -69,6 +71,11 @@ def test_the_example_is_what_the_chip_answers():
         host._settle()
     assert host.block.get("tables_valid") and host.block.get("mode") == protocol.Mode.CONTINUOUS
     assert len(lines) == 18 and reasons == {0, 4, 11}
+
+
+def test_time_of_a_commit():
+    assert "which takes 4 ms in the preset `capsule`" in README
+    assert round(Commands(352, 288, 49, 2).commit_clocks() / 16_000) == 4
 
 
 def test_octets_of_a_frame():

@@ -22,6 +22,8 @@ struct Harness {
     StaticRAM ram;
     uint32_t screen = 0;  // clocks of the screen for 1024 of the system
     bool taken = false;  // the memory took a command
+    bool watched = false;
+    std::vector<uint32_t> seen;  // the screen's pins: red, green, blue, then sync and visible
 
     void clock(bool spot_side = false) {
         top.clk = top.spot_clk = 0;
@@ -35,6 +37,10 @@ struct Harness {
         for (uint64_t n = (clocks + 1) * screen / 1024 - clocks * screen / 1024; n; --n) {
             top.display_clk = 1;
             top.eval();
+            if (watched) {
+                seen.push_back(top.red | top.green << 8 | top.blue << 16 | top.hsync << 24
+                               | top.vsync << 25 | top.visible << 26);
+            }
             top.display_clk = 0;
             top.eval();
         }
@@ -118,8 +124,19 @@ void capsule_write_memory(Harness* harness, uint32_t address, const uint32_t* wo
     top.memory_valid = 0;
 }
 
-// Lets the screen run, so many clocks for 1024 of the system.
-void capsule_screen(Harness* harness, uint32_t clocks) { harness->screen = clocks; }
+// Lets the screen run, so many clocks for 1024 of the system; keeps what it shows if watched.
+void capsule_screen(Harness* harness, uint32_t clocks, int watched) {
+    harness->screen = clocks;
+    harness->watched = watched;
+}
+
+// Takes what the screen has shown; returns how many clocks that was.
+size_t capsule_seen(Harness* harness, uint32_t* out, size_t room) {
+    size_t count = harness->seen.size() < room ? harness->seen.size() : room;
+    for (size_t i = 0; i < count; ++i) out[i] = harness->seen[i];
+    harness->seen.clear();
+    return count;
+}
 #endif
 
 // Shows one frame at the camera's pins, with blanking after each line and after the frame.

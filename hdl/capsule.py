@@ -334,7 +334,7 @@ class Capsule(wiring.Component):
             moves.eq(Cat(
                 spots_move, self.wake, self.table_write, self.table_read, gate.info.valid,
                 histogram.closed, learning, histogram.done, histogram.lost, point_fifo.i.valid,
-                point_fifo.o.valid & points.i.ready, points.o.valid & points.o.ready).any()),
+                point_fifo.o.valid & ~points.o.valid, points.o.valid & points.o.ready).any()),
             self.busy.eq(moves | linger.any()),
             self.idle.eq(~pattern & ~spots_move & (quiet == 0)),
         ]

@@ -3,7 +3,7 @@
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
-from amaranth.lib.wiring import In, Out, connect
+from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .acquisition.laser_guard import LaserGuard
 from .acquisition.sequencer import Sequencer
@@ -12,6 +12,7 @@ from .config import Config
 from .link.commands import Commands
 from .link.receiver import Receiver
 from .link.uart_rx import UARTReceiver
+from .paper import BOARD, Paper
 
 __all__ = ["Instrument"]
 
@@ -46,6 +47,8 @@ class Instrument(wiring.Component):
         High while the radio takes octets.
     busy : :py:`Out(1)`
         The spot side needs its clock.
+    BOARD
+        In the preset ``paper`` only: external memory and screen, see :class:`.paper.Paper`.
     """
 
     def __init__(self, config, gated=False):
@@ -65,6 +68,7 @@ class Instrument(wiring.Component):
             "tx": Out(1, init=1),
             "cts": In(1),
             "busy": Out(1),
+            **(BOARD if config.preset == "paper" else {}),
         })
 
     def elaborate(self, platform):
@@ -118,7 +122,14 @@ class Instrument(wiring.Component):
         ]
 
         # Pixels to points, and everything to the reader.
-        m.submodules.measure = measure = Capsule(config, self.gated)
+        paper = config.preset == "paper"
+        m.submodules.measure = measure = (Paper if paper else Capsule)(config, self.gated)
+        for name, member in BOARD.items() if paper else ():
+            mine, its = getattr(self, name), getattr(measure, name)
+            if member.is_signature:
+                connect(m, flipped(mine), its)
+            else:
+                m.d.comb += mine.eq(its)
         connect(m, commands.o, measure.reply)
         for name in REGISTERS:
             m.d.comb += getattr(measure, name).eq(getattr(commands, name))

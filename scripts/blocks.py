@@ -68,8 +68,9 @@ class Block:
         wanted = inspect.signature(self.component_class).parameters
         return {name: value for name, value in choices.items() if name in wanted}
 
-    def component(self, config=PRESETS["capsule"]):
-        """A fresh component, as the design of ``config`` holds it."""
+    def component(self, config=None):
+        """A fresh component, as the design of ``config`` holds it; its preset by default."""
+        config = config or PRESETS["paper" if self.name.startswith("paper") else "capsule"]
         return self.component_class(**self.arguments(config))
 
 
@@ -85,18 +86,19 @@ BLOCKS = tuple(Block(name, unit) for unit, names in {
     "display": "marks vga",
     "common": "table_memory stage point_fifo sram",
 }.items() for name in names.split())
-#: The whole design.
-TOP = Block("capsule", "")
+#: The whole design, and what measures in each of the presets.
+TOP = Block("instrument", "")
+WHOLES = (Block("capsule", ""), Block("paper_points", ""), Block("paper", ""), TOP)
 
 
 def present():
-    """Blocks that have a file: those of the list, then those it does not know, then the top."""
+    """Blocks that have a file: those of the list, then those it does not know, then the wholes."""
     unlisted = (
         Block(file.stem, unit) for unit in UNITS
         for file in sorted((ROOT / "hdl" / unit).glob("[a-z]*.py"))
         if "(wiring.Component)" in file.read_text())
     return tuple(
-        block for block in dict.fromkeys((*BLOCKS, *unlisted, TOP)) if block.source.exists())
+        block for block in dict.fromkeys((*BLOCKS, *unlisted, *WHOLES)) if block.source.exists())
 
 
 def find(name):

@@ -270,7 +270,7 @@ def export(folder=BUILD, progress=lambda block: None, settings=None):
         (part / name).mkdir(parents=True)
     texts, held = [], []
     for block in present():
-        component = block.component(config)
+        component = block.component()
         text = verilog(component, block.name)
         texts.append((block, component, text))
         (part / "verilog" / f"{block.name}.v").write_text(text)

@@ -19,7 +19,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 
-from scripts.blocks import ROOT, TOP, find, present
+from scripts.blocks import ROOT, WHOLES, find, present
 from scripts.export import verilog
 
 __all__ = ["CELLS", "LIMITS", "measure", "measure_verilog"]
@@ -152,7 +152,8 @@ def main(arguments=None):
         table.add_row(name, *(f"{size[key]:,}" for key in (
             "lut4", "lut4_no_muxf", "ff", "mult18x18", "ramb16")), style=style)
 
-    parts = [name for name in sizes if name != TOP.name]
+    wholes = [block.name for block in WHOLES if block.name in sizes]
+    parts = [name for name in sizes if name not in wholes]
     for name in parts:
         row(name, sizes[name])
     if len(parts) > 1:
@@ -160,8 +161,8 @@ def main(arguments=None):
         row("sum of blocks", {
             key: sum(sizes[name][key] for name in parts) for key in (*COLUMNS, "lut4_no_muxf")},
             style="dim")
-    if TOP.name in sizes:
-        row("capsule (whole)", sizes[TOP.name], style="bold")
+    for name in wholes:
+        row(f"{name} (whole)", sizes[name], style="bold")
     console = Console()
     if sizes:
         console.print(table)

@@ -45,6 +45,8 @@ class Framer(wiring.Component):
         The other side can take octets; synchronous to the clock.
     packets : :py:`Out(16)`
         Packets taken, modulo 65,536.
+    free : :py:`Out(1)`
+        A packet that is offered now can be taken at once.
     busy : :py:`Out(1)`
         A packet is on its way, or the pause behind it: the clock is needed.
     """
@@ -56,6 +58,7 @@ class Framer(wiring.Component):
             "divisor": In(16),
             "cts": In(1),
             "packets": Out(16),
+            "free": Out(1),
             "busy": Out(1),
         })
 
@@ -92,6 +95,7 @@ class Framer(wiring.Component):
         with m.FSM(name="assembly"):
             with m.State("SHIFT"):
                 m.d.comb += [
+                    self.free.eq(~number & ~checking & ~full.bit_select(write_half, 1)),
                     shift.eq((number | checking | self.i.valid)
                              & ~full.bit_select(write_half, 1)),
                     self.i.ready.eq(shift & ~number & ~checking & bit_number.all()),

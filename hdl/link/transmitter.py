@@ -75,7 +75,9 @@ class Transmitter(wiring.Component):
         connect(m, scheduler.o, framer.i)
         connect(m, framer.o, uart_tx.i)
         m.d.comb += [
-            texture.enable.eq(self.texture_enable),
+            # Pixels are offered when they can be sent, so that none waits before what matters more,
+            # the announcement of the next texture frame among it.
+            texture.enable.eq(self.texture_enable & framer.free & ~scheduler.o.valid),
             texture.bad_sync.eq(self.bad_sync),
             texture.overrun.eq(self.overrun),
             framer.divisor.eq(self.divisor),

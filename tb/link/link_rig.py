@@ -5,11 +5,8 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from hdl.acquisition.frame_gate import FrameGate
-from hdl.link.framer import Framer
 from hdl.link.points import Points
-from hdl.link.scheduler import Scheduler
-from hdl.link.texture import Texture
-from hdl.link.uart_tx import UARTTransmitter
+from hdl.link.transmitter import Transmitter
 from hdl.payloads import Counts, FrameInfo, FrameTag, GreyPixel, PacketOctet, Point
 
 __all__ = ["LinkRig"]
@@ -38,31 +35,24 @@ class LinkRig(wiring.Component):
         m = Module()
         m.submodules.gate = gate = FrameGate()
         m.submodules.packets = points = Points()
-        m.submodules.texture = texture = Texture(*self.size)
-        m.submodules.scheduler = scheduler = Scheduler(3)
-        m.submodules.framer = framer = Framer()
-        m.submodules.uart_tx = uart_tx = UARTTransmitter()
+        m.submodules.transmitter = transmitter = Transmitter(*self.size)
         connect(m, flipped(self.pixels), gate.i)
-        connect(m, gate.texture, texture.i)
-        connect(m, gate.texture_info, texture.info)
+        connect(m, gate.texture, transmitter.texture)
+        connect(m, gate.texture_info, transmitter.texture_info)
         connect(m, flipped(self.points), points.i)
         connect(m, flipped(self.counts), points.counts)
         connect(m, flipped(self.info), points.info)
-        connect(m, points.o, scheduler.i_0)
-        connect(m, flipped(self.replies), scheduler.i_1)
-        connect(m, texture.o, scheduler.i_2)
-        connect(m, scheduler.o, framer.i)
-        connect(m, framer.o, uart_tx.i)
+        connect(m, points.o, transmitter.points)
+        connect(m, flipped(self.replies), transmitter.reply)
         m.d.comb += [
             gate.o.ready.eq(1),
             gate.info.ready.eq(1),
             gate.tag.eq(self.tag),
             points.full_records.eq(self.full_records),
-            texture.enable.eq(1),
-            framer.divisor.eq(self.divisor),
-            framer.cts.eq(self.cts),
-            uart_tx.divisor.eq(self.divisor),
-            self.tx.eq(uart_tx.tx),
-            self.busy.eq(framer.busy | texture.busy | points.o.valid),
+            transmitter.texture_enable.eq(1),
+            transmitter.divisor.eq(self.divisor),
+            transmitter.cts.eq(self.cts),
+            self.tx.eq(transmitter.tx),
+            self.busy.eq(transmitter.busy | points.o.valid),
         ]
         return m

@@ -11,9 +11,10 @@ import pytest
 
 from hdl.config import PRESETS
 from hdl.export import LEGAL, SV_RESERVED, VHDL_RESERVED, flat_ports
-from model.settings import BEAMS, RADIAL, SHARED, Settings
+from hdl.protocol import TABLES
+from model.settings import Settings
 from scripts import export, size
-from scripts.blocks import BLOCKS, ROOT, TOP, Block, find, present
+from scripts.blocks import BLOCKS, ROOT, TOP, WHOLES, Block, find, present
 from tb.hdlsim import WAIVERS, prepare_environment, require_ghdl
 
 PRESENT = present()
@@ -42,7 +43,7 @@ def text_of(exported, block):
 
 
 def test_every_component_is_listed():
-    assert set(PRESENT) == {*BLOCKS, TOP}
+    assert set(PRESENT) == {*BLOCKS, *WHOLES}
 
 
 def test_unknown_block_is_refused():
@@ -187,8 +188,8 @@ def test_tables_are_what_the_settings_load(tmp_path):
     export.write_tables(tmp_path / "tables", settings)
     texts = {file.stem: file.read_text() for file in (tmp_path / "tables").glob("*.hex")}
     read = {
-        memory: re.findall(r"^@(\w+) (\w+)$", texts[name], re.M)
-        for memory, name in ((SHARED, "shared"), (RADIAL, "radial"), (BEAMS, "beams"))}
+        table.number: re.findall(r"^@(\w+) (\w+)$", texts[table.name], re.M)
+        for table in TABLES}
     assert [
         (memory, int(address, 16), int(word, 16)) for memory, words in read.items()
         for address, word in words] == list(settings.table_words())

@@ -1,7 +1,6 @@
 """``cyclope run`` and the demonstration: what they write, and what they refuse."""
 
 import csv
-import fcntl
 import io
 import json
 import shutil
@@ -17,18 +16,9 @@ from hdl.protocol import Flag
 from scripts import accuracy, cli, demo, frames, native, outputs, run
 from scripts.link import Frame
 from scripts.points import POINT, STATUS
+from tb.system.conftest import CACHE
 
 ROOT = Path(__file__).resolve().parents[2]
-CACHE = ROOT / "build" / "test" / "demo"
-
-
-@pytest.fixture(scope="session")
-def prepared():
-    """Capture and calibration of the demonstration, made once for all workers."""
-    CACHE.parent.mkdir(parents=True, exist_ok=True)
-    with open(CACHE.parent / ".demo.lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        return demo.prepare(CACHE)
 
 
 @pytest.fixture(scope="session")

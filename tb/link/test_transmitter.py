@@ -6,6 +6,6 @@ from tb.link.link_rig import LinkRig
 
 
 @pytest.mark.parametrize("seed,divisor", [(1, 2), (2, 1)])
-def test_link_rig(request, seed, divisor):
-    run(request, "link_rig", "tb.link.tb_link_rig", component=LinkRig(90, 24),
+def test_transmitter(request, seed, divisor):
+    run(request, "link_rig", "tb.link.tb_transmitter", component=LinkRig(90, 24),
         parameters={"seed": seed, "width": 90, "height": 24, "divisor": divisor})

@@ -174,7 +174,7 @@ class Commands(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         m.submodules.registers = registers = Registers(self.clock_hz, self.baud)
-        m.submodules.crc = crc = CRC(data_width=1).create()
+        m.submodules.check = crc = CRC(data_width=1).create()
         m.d.comb += [
             registers.single_done.eq(self.single_done),
             *(getattr(self, name).eq(getattr(registers, name)) for name in self.register_names),

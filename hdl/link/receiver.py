@@ -59,7 +59,7 @@ class Receiver(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.crc = crc = CRC(data_width=1).create()
+        m.submodules.check = crc = CRC(data_width=1).create()
         m.submodules.octets = octets = Memory(shape=8, depth=128, init=[])
         write, read = octets.write_port(), octets.read_port()
 

@@ -309,6 +309,7 @@ class Capsule(wiring.Component):
         connect(m, gate.texture_info, transmitter.texture_info)
         m.d.comb += [
             points.full_records.eq(register["full_records"]),
+            transmitter.more.eq(point_fifo.o.valid),
             transmitter.divisor.eq(register["divisor"]),
             transmitter.texture_enable.eq(register["texture_enable"]),
             transmitter.bad_sync.eq(camera.bad_sync),

@@ -179,6 +179,7 @@ class Paper(wiring.Component):
         connect(m, gate.texture, transmitter.texture)
         connect(m, gate.texture_info, transmitter.texture_info)
         m.d.sync += [
+            transmitter.more.eq(point_fifo.o.valid),
             transmitter.divisor.eq(self.divisor),
             transmitter.texture_enable.eq(self.texture_enable),
         ]

@@ -25,6 +25,8 @@ class Transmitter(wiring.Component):
     -------
     points, reply : :py:`In(stream.Signature(PacketOctet))`
         Packets.
+    more : :py:`In(1)`
+        Points are waiting, though their packet is not made yet: pixels wait for them.
     texture, texture_info : :py:`In(stream.Signature(GreyPixel))`, \
     :py:`In(stream.Signature(FrameInfo))`
         Texture frames as they pass, and their announcements, see :class:`.texture.Texture`.
@@ -49,6 +51,7 @@ class Transmitter(wiring.Component):
         super().__init__({
             "points": In(stream.Signature(PacketOctet)),
             "reply": In(stream.Signature(PacketOctet)),
+            "more": In(1),
             "texture": In(stream.Signature(GreyPixel)),
             "texture_info": In(stream.Signature(FrameInfo)),
             "texture_enable": In(1),
@@ -77,7 +80,8 @@ class Transmitter(wiring.Component):
         m.d.comb += [
             # Pixels are offered when they can be sent, so that none waits before what matters more,
             # the announcement of the next texture frame among it.
-            texture.enable.eq(self.texture_enable & framer.free & ~scheduler.o.valid),
+            texture.enable.eq(
+                self.texture_enable & framer.free & ~scheduler.o.valid & ~self.more),
             texture.bad_sync.eq(self.bad_sync),
             texture.overrun.eq(self.overrun),
             framer.divisor.eq(self.divisor),

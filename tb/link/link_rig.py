@@ -50,6 +50,7 @@ class LinkRig(wiring.Component):
             gate.tag.eq(self.tag),
             points.full_records.eq(self.full_records),
             transmitter.texture_enable.eq(1),
+            transmitter.more.eq(self.points.valid),
             transmitter.divisor.eq(self.divisor),
             transmitter.cts.eq(self.cts),
             self.tx.eq(transmitter.tx),

@@ -38,7 +38,7 @@ class Rig(Bench):
             **{name: bool(rng.integers(2)) for name in (
                 "broken", "laser", "capture", "tripped", "tables_valid")})
 
-    async def frame(self, image=None, texture=1, **fields):
+    async def frame(self, image=None, texture=1, cut=None, **fields):
         """Send a frame; the number that the gate gives it."""
         info = replace(self.any_info(), **fields)
         if image is None:
@@ -52,7 +52,7 @@ class Rig(Bench):
         self.infos[number], self.images[number] = replace(info, number=number), image
         words = words_of(grey_words(image))
         if info.broken:
-            words = words[:int(self.np_rng.integers(1, len(words)))] + words_of(BROKEN_GREY)
+            words = words[:cut or int(self.np_rng.integers(1, len(words)))] + words_of(BROKEN_GREY)
         await self.i.send(words)
         return number
 
@@ -164,6 +164,31 @@ async def the_whole_image_goes_round(dut):
                     assert (seen[there] < 0).all() and (sent_from[there] == pixels).all()
                     seen[there] = pixels
         assert bench.model.stands == 0
+
+
+@cocotb.test(timeout_time=100, timeout_unit="ms")
+async def nothing_is_left_for_a_frame(dut):
+    """The last pixels go while a frame passes, before it comes to them: it brings none, nor do
+    those that a broken frame had left there."""
+    bench = Rig(dut, stall=1.0)
+    await bench.reset()
+    last = min(86, WIDTH)
+
+    def left():
+        return WIDTH * HEIGHT - bench.model.stands
+
+    while left() > 2 * WIDTH:
+        if not await bench.same(1):
+            await bench.both(broken=False)
+    await bench.both(broken=True, cut=WIDTH * HEIGHT - 1)
+    while left() > last or not bench.model.takes():
+        await bench.same(1)
+    passing = cocotb.start_soon(bench.frame(broken=False))
+    await ClockCycles(dut.clk, 20)
+    assert len(await bench.same(1)) == 1 and bench.model.stands == 0
+    number = await passing
+    assert await bench.packet() == bench.infos[number].content()
+    await bench.nothing()
 
 
 @cocotb.test(timeout_time=400, timeout_unit="ms")

@@ -1,6 +1,6 @@
-"""``make bench``: speed, accuracy, latency, noise, size and the link, each measured now.
+"""``make bench``: speed, accuracy, latency, noise, size, link and presets, each measured now.
 
-``python -m scripts.bench speed|accuracy|latency|noise|size|link`` prints one part.
+``python -m scripts.bench speed|accuracy|latency|noise|size|link|presets`` prints one part.
 """
 
 import sys
@@ -159,7 +159,14 @@ def link(console):
     console.print(table)
 
 
-PARTS = {part.__name__: part for part in (speed, accuracy, latency, noise, size, link)}
+def presets(console):
+    """Both presets side by side."""
+    from scripts import presets as both
+    both.presets(console)
+
+
+PARTS = {part.__name__: part for part in (
+    speed, accuracy, latency, noise, size, link, presets)}
 
 
 def main(arguments=None):

@@ -21,6 +21,7 @@ class Case:
     centre: str
     limit: float | None
     split: bool = False
+    preset: str = "capsule"
 
 
 CASES = (
@@ -56,7 +57,8 @@ def measure(case, seeds, step=None):
     for seed in seeds:
         with tempfile.TemporaryDirectory() as folder:
             capture.write(folder, "plane", rig, seed, frames=1)
-            calibration = calibrate(read_capture(folder), Options(settings=settings)).calibration
+            calibration = calibrate(read_capture(folder), Options(
+                settings=settings, remapped=case.preset == "paper")).calibration
         rng = np.random.default_rng([seed, 99])
         images, truth = [], []
         for kind in case.kinds:

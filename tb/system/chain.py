@@ -19,7 +19,7 @@ from hdl.stereo.undistort import Undistort
 from tb.native_block import NativeBlock
 from tb.preprocessing.frames import grey_words
 
-__all__ = ["Chain", "last_point_latency"]
+__all__ = ["Chain", "last_point_latency", "spots_on_the_last_row"]
 
 
 class Chain(wiring.Component):
@@ -63,6 +63,17 @@ class Chain(wiring.Component):
         return m
 
 
+def spots_on_the_last_row(config, spots=64):
+    """A frame whose spots all end on its last row."""
+    image = np.zeros((config.height, config.width), np.uint8)
+    pitch = config.width / spots
+    for spot in range(spots):
+        left = int(spot * pitch)
+        # Upright, so that every spot has a core, and of its own weight.
+        image[-5:, left:left + 3] = 120 + spot
+    return image
+
+
 def last_point_latency(config, spots=64):
     """Clocks from a frame's last pixel to its last point, all spots ending on the last row.
 
@@ -70,12 +81,7 @@ def last_point_latency(config, spots=64):
     -------
     (clocks, points that came out)
     """
-    image = np.zeros((config.height, config.width), np.uint8)
-    pitch = config.width / spots
-    for spot in range(spots):
-        left = int(spot * pitch)
-        # Upright, so that every spot has a core, and of its own weight.
-        image[-5:, left:left + 3] = 120 + spot
+    image = spots_on_the_last_row(config, spots)
     block = NativeBlock(Chain(config))
     block.reset()
     beats = block.stream(grey_words(image), idle=40_000)

@@ -62,6 +62,7 @@ class PaperRig(wiring.Component):
             "o": Out(stream.Signature(Outward)),
             "bank": In(1),
             "idle": Out(1),
+            "free": Out(1),
             "lost": Out(8),
             "pins": Out(SRAMPins()),
             **{name: In(shape) for name, shape in REGISTERS.items()},
@@ -97,7 +98,7 @@ class PaperRig(wiring.Component):
             points.i.payload.eq(gate.o.payload),
             gate.o.ready.eq(1),
             points.bank.eq(self.bank),
-            self.idle.eq(points.idle), self.lost.eq(gate.lost),
+            self.idle.eq(points.idle), self.free.eq(points.info.ready), self.lost.eq(gate.lost),
             *(getattr(points, name).eq(getattr(self, name)) for name in REGISTERS),
         ]
         connect(m, gate.info, points.info)
@@ -184,6 +185,17 @@ class PaperBench:
             words = np.concatenate([words[:cut], BROKEN_GREY])
         pauses = np.full(len(words), pixel_clocks - 1)
         return self.block.stream(_pixels(words), gap=gap, seed=seed, idle=idle, pauses=pauses)
+
+    def until_free(self, image):
+        """Clocks from a frame's first pixel, one a clock, until another frame may begin."""
+        start = int(self.show(image).taken[0])
+        nothing = np.zeros((0, 1), np.uint32)
+        while not self.block.get("free"):
+            self.block.stream(nothing, idle=8)
+        clocks = self.block.clocks - start
+        while not self.block.get("idle"):
+            self.block.stream(nothing, idle=1000)
+        return clocks
 
     def measure(self, image, **stream):
         """Stream a frame and give what comes of it, see :class:`Measured`."""

@@ -26,7 +26,7 @@ async def sent(dut, bench, contents, divisor, cts=None):
         await ReadOnly()
         levels.append(int(dut.cts.value))
         await RisingEdge(dut.clk)
-        idle = 0 if dut.busy.value or bench.i.busy else idle + 1
+        idle = 0 if dut.busy.value or dut.i_valid.value else idle + 1
     octets, begins = line.octets(divisor)
     assert bytes(octets) == b"".join(packets)
     return packets, begins, levels

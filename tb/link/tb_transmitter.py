@@ -60,7 +60,7 @@ async def all_sent(bench):
     while idle < 1000:
         await RisingEdge(bench.dut.clk)
         idle = 0 if bench.dut.busy.value or any(
-            getattr(bench, name).busy for name in INPUTS) else idle + 1
+            getattr(bench.dut, f"{name}_valid").value for name in INPUTS) else idle + 1
 
 
 @cocotb.test(timeout_time=20, timeout_unit="ms")

@@ -22,6 +22,7 @@ from model.capsule import Capsule
 from model.optics import render, rigs, scenes
 from model.optics.geometry import beam_lines
 from model.optics.rigs import RIGS
+from model.paper import Paper
 from model.settings import RADIAL_WORDS, RECIPROCAL_WORDS, Settings
 from model.stereo.depth import inverse_depth
 from model.stereo.epipolar import OK, match, unpack_window
@@ -458,10 +459,10 @@ def calibrated(rig, seed, settings, planes=12):
     return calibrate_beams(spots, projector, lens, LensReport(0.05), Options(settings), settings)
 
 
-def depth_errors(rig, calibration, kinds, frames, seed):
+def depth_errors(rig, calibration, kinds, frames, seed, model=Capsule):
     """Relative depth errors of all ok points, and the share of beams found, by the golden model."""
     rng = np.random.default_rng([seed, 1])
-    chip = Capsule(calibration.settings, calibration.width, calibration.height)
+    chip = model(calibration.settings, calibration.width, calibration.height)
     errors, found, expected = [], 0, 0
     for kind in kinds:
         for scene in scenes.sequence(kind, rig, frames, rng):
@@ -561,7 +562,21 @@ def test_choices_go_into_the_file(capture, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["calibration.json"]
 
 
+def test_calibration_for_whole_image_correction(capture, tmp_path):
+    """The preset paper finds the spots, and measures, in corrected images."""
+    output = tmp_path / "calibration.json"
+    assert cli.main(["calibrate", capture, "-o", output, "--no-picture", "--preset", "paper"]) == 0
+    calibration = file.load(output)
+    settings = calibration.settings
+    assert settings.remap == remap_table(calibration.lens)
+    assert (settings.erosion, settings.weighted) == ("erode", False)
+    error, found = depth_errors(RIGS["capsule"], calibration, ("plane",), 4, 23, Paper)
+    assert error.mean() <= 0.009 and found >= 0.97
+
+
 @pytest.mark.parametrize("edit, options, message", [
+    (lambda c: None, ["--preset", "paper", "--centre", "weighted"],
+     "--preset paper has binary centres only"),
     (lambda c: None, ["--threshold", "0"],
      "--threshold must be 1 to 255 or 'adaptive', not '0'"),
     (lambda c: None, ["--alpha", "16"], "--alpha must be 0 to 15.9, not 16"),
@@ -582,8 +597,8 @@ def test_choices_go_into_the_file(capture, tmp_path):
      "pitch_deg in [projector] must"),
     (lambda c: replace_in(c / "capture.toml", "base_mm = [", "base_mm = [0, 1, 2] # "), [],
      "base_mm in [projector] must"),
-], ids=["threshold", "alpha", "area", "areas", "dark", "depth", "mesh", "board", "planes", "size",
-        "pitch", "base"])
+], ids=["preset", "threshold", "alpha", "area", "areas", "dark", "depth", "mesh", "board", "planes",
+        "size", "pitch", "base"])
 def test_command_refuses_in_one_sentence(capture, tmp_path, capsys, edit, options, message):
     folder = changed(capture, tmp_path, edit)
     output = tmp_path / "out.json"

@@ -33,7 +33,8 @@ CELLS = {
 }
 #: What may not be passed: four-input tables, multipliers, block memories.
 LIMITS = {
-    "capsule": {"lut4": 2700, "mult18x18": 14, "ramb16": 15},
+    "capsule": {"lut4": 4500, "mult18x18": 14, "ramb16": 18},
+    "instrument": {"lut4": 6400, "mult18x18": 14, "ramb16": 19},
     "labelling": {"lut4": 1500, "ramb16": 6},
 }
 COLUMNS = ("lut4", "ff", "mult18x18", "ramb16")

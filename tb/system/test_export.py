@@ -227,10 +227,11 @@ def test_tables_of_cells_are_counted():
 
 
 def test_passed_limits_are_told():
-    big = {"lut4": 2701, "mult18x18": 14, "ramb16": 15}
+    limit = size.LIMITS["capsule"]
+    big = {"lut4": limit["lut4"] + 1, "mult18x18": 14, "ramb16": limit["ramb16"] + 1}
     assert size.over("capsule", big) == [
-        "capsule takes 2701 lut4, more than its limit of 2700",
-        "capsule takes 15 ramb16, more than its limit of 14"]
+        f"capsule takes {limit['lut4'] + 1} lut4, more than its limit of {limit['lut4']}",
+        f"capsule takes {limit['ramb16'] + 1} ramb16, more than its limit of {limit['ramb16']}"]
     assert size.over("depth", big) == []
 
 

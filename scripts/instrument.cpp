@@ -1,5 +1,6 @@
 // The Verilated instrument as a plain C library: an imager at its sensor pins, a serial line at its
 // UART pins. No VPI. The imager integrates as the pins tell it, and asks for the picture by callback.
+// With PAPER defined it is of the preset paper, its memory beside it and its screen on.
 #include "Vinstrument.h"
 #include "verilated.h"
 
@@ -89,14 +90,37 @@ struct Instrument {
         top.cts = 1;
     }
 
+#ifdef PAPER
+    StaticRAM ram;
+    uint64_t screen = 0;
+#endif
+
     void clock() {
-        // Every change of a clock is a rising edge here, see native.py.
-        top.clk ^= 1;
         phase += pixel_hz;
         bool pixel = phase >= clock_hz;
-        if (pixel) phase -= clock_hz, top.pixel_clk ^= 1;
+        if (pixel) phase -= clock_hz;
+#ifdef PAPER
+        top.clk = top.pixel_clk = top.spot_clk = 0;
+        top.eval();
+        ram.look(top);
+        top.clk = 1;
+        top.pixel_clk = pixel;
+        top.spot_clk = top.busy;
+        top.eval();
+        ram.look(top);
+        for (screen += 25175000; screen >= clock_hz; screen -= clock_hz) {
+            top.display_clk = 1;
+            top.eval();
+            top.display_clk = 0;
+            top.eval();
+        }
+#else
+        // Every change of a clock is a rising edge here, see native.py.
+        top.clk ^= 1;
+        if (pixel) top.pixel_clk ^= 1;
         top.spot_clk ^= top.busy;
         top.eval();
+#endif
         ++clocks;
 
         hold = top.laser != pin ? HOLD : hold ? hold - 1 : 0;
@@ -193,6 +217,13 @@ size_t instrument_pulses(const Instrument* instrument, uint64_t* out, size_t roo
 }
 
 void instrument_cts(Instrument* instrument, int may_send) { instrument->top.cts = may_send; }
+
+#ifdef PAPER
+void instrument_fill_memory(Instrument* instrument, uint32_t address, const uint32_t* word,
+                            size_t count) {
+    std::memcpy(&instrument->ram.words[address], word, count * sizeof *word);
+}
+#endif
 
 // Faults of the sensor: it sends nothing; its next frame ends early; a row of it has another length.
 void instrument_silence(Instrument* instrument, int silent) { instrument->sensor.silent = silent; }

@@ -22,11 +22,18 @@ def _library(config):
         import hdl.instrument
 
         require_compiler()
-        return clocked_verilog(hdl.instrument.Instrument(config, gated=True), "instrument", {
-            "sync": "clk", "pixel": "pixel_clk", "spot": "spot_clk"})
+        clocks = {"sync": "clk", "pixel": "pixel_clk", "spot": "spot_clk"}
+        if paper:
+            clocks["display"] = "display_clk"
+        return clocked_verilog(
+            hdl.instrument.Instrument(config, gated=True), "instrument", clocks,
+            any_edge=not paper)
 
-    return build("instrument", repr(config) + sources, verilog,
-                 (ROOT / "scripts" / "instrument.cpp").read_text())
+    paper = config.preset == "paper"
+    harness = (ROOT / "scripts" / "instrument.cpp").read_text()
+    if paper:
+        harness = f"#define PAPER\n{(ROOT / 'scripts' / 'sram.hpp').read_text()}\n{harness}"
+    return build("instrument", repr(config) + sources, verilog, harness)
 
 
 class Instrument:
@@ -129,6 +136,13 @@ class Instrument:
     def clear_to_send(self, may_send):
         """The line CTS."""
         self._library.instrument_cts(self._handle, int(may_send))
+
+    def fill_memory(self, address, words):
+        """Words in the external memory of the preset ``paper``, as a board would load them."""
+        words = np.ascontiguousarray(words, dtype=np.uint32)
+        self._library.instrument_fill_memory(
+            self._handle, ctypes.c_uint32(address), words.ctypes.data_as(ctypes.c_void_p),
+            ctypes.c_size_t(len(words)))
 
     def silence(self, silent):
         """A fault of the imager: it sends no frame while silent."""

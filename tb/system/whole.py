@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from hdl.paper_points import REMAP_BASE
 from model.capsule import Capsule as Model
+from model.preprocessing.remap import pack_remap
 from scripts.commands import Commands, table_contents
 from scripts.instrument import Instrument, Line
 from scripts.link import Decoder, Frame, TextureFrame
@@ -58,6 +60,8 @@ class Whole:
         #: (image or None for a texture, microseconds integrated, microseconds lit) of every frame.
         self.shown = []
         self.instrument = Instrument(config, self._picture, line_blanking=line_blanking)
+        if config.preset == "paper":
+            self.instrument.fill_memory(REMAP_BASE, pack_remap(settings.remap))
         self.line = Line(self.instrument, step_us=100)
         self.commands = Commands(self.line, timeout=120)
         self.decoder = Decoder(Rebuilder(settings, config.width, config.height))

@@ -24,6 +24,7 @@ from hdl.config import PRESETS
 from hdl.display.vga import VGA
 from hdl.export import flat_ports
 from hdl.instrument import Instrument
+from hdl.paper import Paper
 from scripts.blocks import find
 
 __all__ = ["LISTED", "TOPS", "Crossing", "Listed", "Top", "crossings", "explain", "netlist",
@@ -102,8 +103,10 @@ LISTED = (
     Listed(r"pin frame_valid", r"(.*\.)?sending_synchronizer\.stage0", "two flip-flops",
            chain=True),
     # hdl.acquisition.frame_banks, between the system's clock and the display's.
-    Listed(r"(.*banks\.)?request", r"(.*banks\.)?request\.stage0", _LINE, chain=True),
-    Listed(r"(.*banks\.)?answer", r"(.*banks\.)?answer\.stage0", _LINE, chain=True),
+    Listed(r"(.*(banks|frames)\.)?request", r"(.*(banks|frames)\.)?request\.stage0", _LINE,
+           chain=True),
+    Listed(r"(.*(banks|frames)\.)?answer", r"(.*(banks|frames)\.)?answer\.stage0", _LINE,
+           chain=True),
     Listed(r"(.*banks\.)?wants", r"(.*banks\.)?(reader|reader_exists|reader_info|"
            r"reader_is_fresh|newest_is_unread|write_bank|free)", _STILL),
     Listed(r"(.*banks\.)?reader(_exists|_info|_is_fresh)?", r"(.*banks\.|.*)?(held|fresh|frame|"
@@ -343,6 +346,9 @@ TOPS = {
     "instrument": Top(lambda: Instrument(PRESETS["capsule"]), pins=_PINS),
     "instrument, gated": Top(
         lambda: Instrument(PRESETS["capsule"], gated=True), {"spot_clk": "clk"}, _PINS),
+    "paper": Top(lambda: Paper(PRESETS["paper"])),
+    "instrument, paper, gated": Top(
+        lambda: Instrument(PRESETS["paper"], gated=True), {"spot_clk": "clk"}, _PINS),
     "frame_memory": Top(lambda: FrameMemory(64, 64)),
     "sram_frames": Top(lambda: SRAMFrames(352, 288)),
     "vga": Top(lambda: VGA(352, 288)),

@@ -4,6 +4,7 @@ import os
 import time
 import zlib
 
+from hdl.config import PRESET_NAMES
 from hdl.protocol import (
     CONTENT_LIMIT,
     IDENTITY_FIELDS,
@@ -89,6 +90,9 @@ def check_chip(identity, calibration):
     if identity["beams"] != beams:
         raise UserError(f"The calibration has {beams} beams, the chip is made for "
                         f"{identity['beams']}: calibrate this rig.")
+    if calibration.settings.remap and identity["preset"] != PRESET_NAMES.index("paper"):
+        raise UserError("The calibration is for a chip that corrects whole images (`cyclope "
+                        "calibrate --preset paper`), which this one does not: calibrate without.")
 
 
 def table_contents(settings):

@@ -204,6 +204,14 @@ def test_other_chips_are_refused(beams, size, versions, sentence, rig, tmp_path,
     assert list(tmp_path.iterdir()) == []
 
 
+def test_whole_images_are_not_corrected_by_every_chip(terminal, tmp_path, capsys):
+    calibration = any_calibration(remap=tuple(range(64 * 64)))
+    path = tmp_path / "calibration.json"
+    file.save(calibration, path)
+    assert run("load", terminal.path, path) == 2
+    assert said(capsys).startswith("The calibration is for a chip that corrects whole images")
+
+
 def test_versions_agree():
     """A calibration file of this version is made for tables of this version."""
     assert file.VERSION == TABLE_VERSION

@@ -157,16 +157,16 @@ def test_verilog_is_the_same_each_time():
 
 
 def test_projects_are_written(exported):
-    project = (exported / "ise" / "capsule.tcl").read_text()
+    project = (exported / "ise" / f"{TOP.name}.tcl").read_text()
     for value in export.ISE.values():
         assert value in project
-    libero = (exported / "libero" / "capsule.tcl").read_text()
-    assert "-family {ProASIC3} -die {A3P1000}" in libero and "set_root -module {capsule::" in libero
-    assert export.VIVADO["part"] in (exported / "vivado" / "capsule.tcl").read_text()
+    libero = (exported / "libero" / f"{TOP.name}.tcl").read_text()
+    assert "-family {ProASIC3} -die {A3P1000}" in libero and f"set_root -module {{{TOP.name}::" in libero
+    assert export.VIVADO["part"] in (exported / "vivado" / f"{TOP.name}.tcl").read_text()
     for project in ("ise", "vivado", "libero"):
-        script = (exported / project / "capsule.tcl").read_text()
+        script = (exported / project / f"{TOP.name}.tcl").read_text()
         [source] = re.findall(r"[./\w]+\.v\b", script)
-        assert (exported / project / source).samefile(exported / "verilog" / "capsule.v")
+        assert (exported / project / source).samefile(exported / "verilog" / f"{TOP.name}.v")
     for file in exported.rglob("*"):
         if file.is_file():
             assert str(ROOT) not in file.read_text(), file

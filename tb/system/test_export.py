@@ -161,7 +161,8 @@ def test_projects_are_written(exported):
     for value in export.ISE.values():
         assert value in project
     libero = (exported / "libero" / f"{TOP.name}.tcl").read_text()
-    assert "-family {ProASIC3} -die {A3P1000}" in libero and f"set_root -module {{{TOP.name}::" in libero
+    assert "-family {ProASIC3} -die {A3P1000}" in libero
+    assert f"set_root -module {{{TOP.name}::" in libero
     assert export.VIVADO["part"] in (exported / "vivado" / f"{TOP.name}.tcl").read_text()
     for project in ("ise", "vivado", "libero"):
         script = (exported / project / f"{TOP.name}.tcl").read_text()

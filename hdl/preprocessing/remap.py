@@ -114,8 +114,10 @@ class Remap(wiring.Component):
         # A word's two places, one after the other; then their pixels.
         second, single = Signal(), Signal()
         place_free, pixel_free = Signal(), Signal()
-        placed, shown, dark = Signal(), Signal(), Signal()
+        placed = Signal()
         outside = Signal()
+        shown = Signal()
+        dark = Signal()
         place, difference = queue.r_data[:18], queue.r_data[18:30].as_signed()
         m.d.comb += [
             pixel_free.eq(~shown | self.o.ready),

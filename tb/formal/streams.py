@@ -225,15 +225,20 @@ def _image_bank(m, block, g, inside):
 
 
 def _remap(m, block, g, inside):
-    # Words answer what was asked for; no more are on their way than that.
+    # Words answer what was asked for; those on their way are yet to come or in the queue.
     asked = Signal(5)
     asks = block.ask.valid & block.ask.ready
     m.d.sync += asked.eq(asked + asks - block.answer.valid)
     formal.assume(m, "answers", ~block.answer.valid | (asked != 0))
-    level = g["queue.level"]
-    formal.claim(m, "link_way", g["unsent"] == asked + block.read + g["w_en"] + level)
-    formal.claim(m, "link_most", g["unsent"] <= 16)
-    _sync_queue(m, g, "queue", 16)
+    level, on_their_way = g["queue.level"], g["on_their_way"]
+    formal.claim(m, "link_way", on_their_way == asked + level)
+    formal.claim(m, "link_most", on_their_way <= 8)
+    _sync_queue(m, g, "queue", 8)
+    # A pixel once read stays; nothing is read but for a frame that is read.
+    was_read = _past(m, block.read, "read_before")
+    formal.assume(m, "grey", was_read | (block.grey == _past(m, block.grey, "grey_before")))
+    reading = block.start.valid & ~block.start.p
+    formal.claim(m, "link_reading", reading | ~(on_their_way.any() | g["placed"] | g["all_asked"]))
 
 
 def _receiver(m, block, g, inside):

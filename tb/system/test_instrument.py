@@ -61,7 +61,7 @@ def test_video_rate(kind):
     settings = any_settings(352, 288, config.beams, 3, level_fixed=100, area_min=1,
                             report_rejected=False, erosion="off")
     bench = Whole(config, settings, [image], mode=Mode.CONTINUOUS)
-    bench.run(7 * PERIOD_US)
+    bench.run(8 * PERIOD_US)
     bench.assert_link_is_clean()
     status = bench.commands.status()
     assert (status["timeouts"], status["bad_sync"], status["overrun"]) == (0, 0, 0)

@@ -130,6 +130,9 @@ class Instrument(wiring.Component):
                 connect(m, flipped(mine), its)
             else:
                 m.d.comb += mine.eq(its)
+        if paper:
+            connect(m, commands.memory, measure.memory)
+            connect(m, measure.memory_word, commands.memory_word)
         connect(m, commands.o, measure.reply)
         for name in REGISTERS:
             m.d.comb += getattr(measure, name).eq(getattr(commands, name))

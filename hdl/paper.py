@@ -29,8 +29,6 @@ _SCREEN = ("hsync", "vsync", "visible", "red", "green", "blue")
 #: What the board has beside that of the preset ``capsule``.
 BOARD = {
     "pins": Out(SRAMPins()),
-    "memory": In(stream.Signature(MemoryCommand)),
-    "memory_word": Out(stream.Signature(32, always_ready=True)),
     "hsync": Out(1, init=1),
     "vsync": Out(1, init=1),
     "visible": Out(1),
@@ -62,11 +60,11 @@ class Paper(wiring.Component):
                      a word for 2 pixels                   each pattern
     2 places         the table of places from 0 on, a      a read for 2 pixels of each pattern
                      word for 2 pixels
-    3 ``memory``     any                                   the table of places, once
+    3 ``memory``     any                                   the table of places, as it is loaded
     ================ ===================================== =====================================
 
     The table of places, see :class:`.preprocessing.remap.Remap`, must be written through ``memory``
-    before frames are measured; nothing has to wait for it.
+    before frames are measured.
 
     The screen shows the corrected pattern frames with their spots, in the domain ``display``, see
     :class:`.display.vga.VGA`.
@@ -84,7 +82,7 @@ class Paper(wiring.Component):
         The external memory.
     memory, memory_word : :py:`In(stream.Signature(MemoryCommand))`, \
     :py:`Out(stream.Signature(32, always_ready=True))`
-        Access to it for whoever loads it; words that are read come in the order of the commands.
+        Access to it for the host; words that are read come in the order of the commands.
     hsync, vsync, visible, red, green, blue
         The screen.
     """
@@ -117,6 +115,8 @@ class Paper(wiring.Component):
             "sending": Out(1),
             **{name: In(shape) for name, shape in REGISTERS.items()},
             **TABLE_PORT,
+            "memory": In(stream.Signature(MemoryCommand)),
+            "memory_word": Out(stream.Signature(32, always_ready=True)),
             **BOARD,
         })
 

@@ -12,8 +12,8 @@ from enum import IntEnum
 __all__ = [
     "PROTOCOL_VERSION", "TABLE_VERSION", "WIRE_LIMIT", "GAP_CHARACTERS", "CONTENT_LIMIT",
     "COMPACT", "PacketKind", "Flag", "Command", "Reason", "Mode", "Register", "Field", "Table",
-    "TABLES", "TRAILER_FIELDS", "TEXTURE_FIELDS", "IDENTITY_FIELDS", "STATUS_FIELDS",
-    "GUARD_CAUSES", "registers",
+    "TABLES", "PLACES", "TRAILER_FIELDS", "TEXTURE_FIELDS", "IDENTITY_FIELDS", "STATUS_FIELDS",
+    "GUARD_CAUSES", "registers", "tables",
 ]
 
 #: Version of packets and commands.
@@ -205,36 +205,48 @@ def registers(clock_hz=16_000_000, baud=115_200):
 
 @dataclass(frozen=True)
 class Table:
-    """A table: number, name, words, bits of a word (whole octets on the wire), where it lies."""
+    """A table: number, name, words, bits of a word (whole octets on the wire), banks."""
 
     number: int
     name: str
-    words: int
+    words: int | None  # None: as many as the sensor's size makes them
     bits: int
     meaning: str
+    banked: bool = True  # else it is written only while the mode is 0, and no set is valid then
 
     @property
     def octets(self):
         """Octets of a word on the wire."""
         return -(-self.bits // 8)
 
-    def count(self, beams):
-        """Words that a chip with so many beams takes."""
-        return {"depth": 2 * beams, "beams": beams}.get(self.name, self.words)
+    def count(self, beams, pixels):
+        """Words that a chip with so many beams and pixels takes."""
+        return {"depth": 2 * beams, "beams": beams, "places": -(-pixels // 4)}.get(
+            self.name, self.words)
 
 
-#: Tables in the order of their CRCs in COMMIT. `words` of depth and beams are those of 128 beams;
-#: a chip with K beams takes 2 K and K, and no others. The CRC-32 (ISO-HDLC) goes over the words'
-#: octets as TABLE carries them.
+#: Tables of every chip, in the order of their CRCs in COMMIT. `words` of depth and beams are those
+#: of 128 beams; a chip with K beams takes 2 K and K, and no others. The CRC-32 (ISO-HDLC) goes over
+#: the words' octets as TABLE carries them.
 TABLES = (
     Table(0, "depth", 256, 36, "2k: alpha of beam k, signed 18 bits, 12 of them fraction; 2k + 1: "
           "beta, signed 36 bits, 12 of them fraction; 1/z = alpha x + beta"),
-    Table(1, "reciprocal", 256, 36, "see model/preprocessing/centre.py"),
+    Table(1, "reciprocal", 256, 36, "see model/preprocessing/centre.py", banked=False),
     Table(2, "radial", 1024, 18, "radial scale, see model/stereo/undistort.py"),
     Table(3, "beams", 128, 72, "line k: slope, signed Q0.17, 18 bits; offset, signed Q9.9, 18; "
           "tolerance, unsigned Q4.5, 9 bits (0 disables the beam); least and largest x, signed "
           "Q9.4, 13 bits each; 1 bit zero"),
 )
+#: The preset ``paper`` has one more, in its external memory.
+PLACES = Table(4, "places", None, 64, "places of four pixels of the corrected image: two words of "
+               "hdl/preprocessing/remap.py, the lower one first; preset `paper` only",
+               banked=False)
+
+
+def tables(preset):
+    """Tables of a preset, in the order of their CRCs in COMMIT."""
+    return (*TABLES, PLACES) if preset == "paper" else TABLES
+
 
 #: Causes that the laser guard holds until CLEAR, bits of ``guard_causes``.
 GUARD_CAUSES = (

@@ -11,12 +11,13 @@ from hdl.protocol import (
     PROTOCOL_VERSION,
     STATUS_FIELDS,
     TABLE_VERSION,
-    TABLES,
     Command,
     Mode,
     Reason,
     registers,
+    tables,
 )
+from model.preprocessing.remap import pack_remap
 from scripts.errors import UserError
 from scripts.framing import CHECK_OCTETS, frame_packet
 from scripts.link import Decoder
@@ -90,19 +91,34 @@ def check_chip(identity, calibration):
     if identity["beams"] != beams:
         raise UserError(f"The calibration has {beams} beams, the chip is made for "
                         f"{identity['beams']}: calibrate this rig.")
-    if calibration.settings.remap and identity["preset"] != PRESET_NAMES.index("paper"):
+    corrects = identity["preset"] == PRESET_NAMES.index("paper")
+    if calibration.settings.remap and not corrects:
         raise UserError("The calibration is for a chip that corrects whole images (`cyclope "
                         "calibrate --preset paper`), which this one does not: calibrate without.")
+    if corrects and not calibration.settings.remap:
+        raise UserError("The chip corrects whole images, and the calibration has no table for "
+                        "that: calibrate with `cyclope calibrate --preset paper`.")
 
 
 def table_contents(settings):
-    """Words of every table, by the table's name."""
-    return {
+    """Words of every table of the preset that the settings are for, by the table's name."""
+    words = {
         "depth": [int(word) for word in settings.depth],
         "reciprocal": [int(word) for word in settings.reciprocal],
         "radial": [int(word) & 0x3FFFF for word in settings.radial],
         "beams": [int(line) | int(window) << 36
                   for line, window in zip(settings.line, settings.window, strict=True)]}
+    if settings.remap:
+        places = [int(word) for word in pack_remap(settings.remap)]
+        places += [0] * (len(places) % 2)
+        words["places"] = [low | high << 32
+                           for low, high in zip(places[::2], places[1::2], strict=True)]
+    return words
+
+
+def _tables(words):
+    """Those of all tables that ``words`` has."""
+    return [table for table in tables("paper") if table.name in words]
 
 
 def table_octets(table, words):
@@ -248,7 +264,7 @@ class Commands:
 
     def chunks(self, words):
         """Yield (table, first word, words), as many as fit in a packet; ``words`` by name."""
-        for table in TABLES:
+        for table in _tables(words):
             step = _WORDS_OCTETS // table.octets
             for first in range(0, len(words[table.name]), step):
                 yield table, first, words[table.name][first:first + step]
@@ -268,7 +284,7 @@ class Commands:
     def commit(self, words):
         """Have the chip check all tables and take them; ``words`` by the table's name."""
         data = b"".join(zlib.crc32(table_octets(table, words[table.name])).to_bytes(4, "little")
-                        for table in TABLES)
+                        for table in _tables(words))
         try:
             self.ask(Command.COMMIT, data, "these tables")
         except RefusedError as refused:

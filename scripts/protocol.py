@@ -113,10 +113,10 @@ def _registers():
 
 
 def _tables():
-    words = {"depth": "2 K", "beams": "K"}
+    words = {"depth": "2 K", "beams": "K", "places": "pixels / 4"}
     return _rows(("Number", "Name", "Words", "Bits", "Octets", "A word"), (
         (table.number, f"`{table.name}`", words.get(table.name, table.words), table.bits,
-         table.octets, table.meaning) for table in protocol.TABLES))
+         table.octets, table.meaning) for table in protocol.tables("paper")))
 
 
 def _causes():

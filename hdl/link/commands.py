@@ -5,19 +5,20 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from hdl.config import PRESET_NAMES
-from hdl.payloads import PacketOctet
+from hdl.payloads import MemoryCommand, PacketOctet
 from hdl.protocol import (
     CONTENT_LIMIT,
     GUARD_CAUSES,
     IDENTITY_FIELDS,
+    PLACES,
     PROTOCOL_VERSION,
     STATUS_FIELDS,
     TABLE_VERSION,
-    TABLES,
     Command,
     Mode,
     PacketKind,
     Reason,
+    tables,
 )
 
 from .receiver import CRC
@@ -35,11 +36,10 @@ _TABLE_HEAD = 5
 #: Octets of each command; TABLE takes more than this.
 _LENGTHS = {
     Command.IDENTIFY: 2, Command.WRITE: 7, Command.READ: 3, Command.BEGIN: 8,
-    Command.TABLE: _TABLE_HEAD, Command.COMMIT: 2 + _CRC_OCTETS * len(TABLES),
+    Command.TABLE: _TABLE_HEAD,
     Command.READ_TABLE: 6, Command.STATUS: 2, Command.CAPTURE: 4, Command.CLEAR: 2,
 }
 _PARAMETERS = 7  # octets that are looked at together
-_TABLE_NUMBER = {table.name: table.number for table in TABLES}
 
 
 class Commands(wiring.Component):
@@ -56,9 +56,10 @@ class Commands(wiring.Component):
     set to stop, ``idle`` and no command under way do the same in every clock. A set of tables that
     was committed changes places with the old one then too, and ``tables_valid`` rises.
 
-    Host accesses to the tables go to bank ``~bank``, the reciprocals having only one. They come
-    while ``table_ready`` is high, one in four clocks or fewer. COMMIT reads every word of a set
-    once for each of its octets, and takes :meth:`commit_clocks` clocks.
+    Host accesses to the tables go to bank ``~bank``, where there are two. They come while
+    ``table_ready`` is high, one in four clocks or fewer. The table of places of the preset
+    ``paper`` is in its external memory, two words for each of the table's. COMMIT reads every word
+    of a set once for each of its octets, and takes :meth:`commit_clocks` clocks.
 
     Parameters
     ----------
@@ -104,6 +105,10 @@ class Commands(wiring.Component):
         Calibration capture: the time that CAPTURE gave is not over.
     clear : :py:`Out(1)`
         High for a clock: forget the laser guard's causes.
+    memory, memory_word : :py:`Out(stream.Signature(MemoryCommand))`, \
+    :py:`In(stream.Signature(32, always_ready=True))`
+        The external memory, in the preset ``paper`` only: word 2n has the lower half of word n of
+        the table of places.
     laser_armed, sensor_silent, guard_causes, pairs, timeouts, bad_sync, overrun, skipped, packets
         What STATUS tells besides, see :data:`hdl.protocol.STATUS_FIELDS`.
     """
@@ -122,7 +127,9 @@ class Commands(wiring.Component):
             raise ValueError(f"Preset must be one of {', '.join(PRESET_NAMES)}, not {preset!r}")
         members = register_members(clock_hz, baud)
         self.register_names = tuple(members)
-        self.beams = beams
+        self.tables = tables(preset)
+        self.counts = [table.count(beams, width * height) for table in self.tables]
+        self.has_memory = preset == "paper"
         self.clock_hz = clock_hz
         self.baud = baud
         self.sensor = (width, height, beams)
@@ -164,12 +171,17 @@ class Commands(wiring.Component):
             "overrun": In(8),
             "skipped": In(8),
             "packets": In(16),
+            **({"memory": Out(stream.Signature(MemoryCommand)),
+                "memory_word": In(stream.Signature(32, always_ready=True))}
+               if self.has_memory else {}),
         })
 
     def commit_clocks(self):
-        """Clocks from a COMMIT to its reply, at most, while ``table_ready`` stays high."""
-        octets = sum(table.count(self.beams) * table.octets for table in TABLES)
-        return 12 * octets + 11 * _CRC_OCTETS * len(TABLES) + 64
+        """Clocks from a COMMIT to its reply, at most, while ``table_ready`` stays high, and the
+        external memory is ready and answers within three clocks."""
+        octets = sum(count * table.octets
+                     for table, count in zip(self.tables, self.counts, strict=True))
+        return 12 * octets + 11 * _CRC_OCTETS * len(self.tables) + 64
 
     def elaborate(self, platform):
         m = Module()
@@ -206,19 +218,22 @@ class Commands(wiring.Component):
         step = Signal(3)
 
         # Tables.
-        select = Signal(2)
+        largest = max(self.counts)
+        select = Signal(range(len(self.tables)))
         first = word[8:24]
-        place_in_table = Signal(10)
+        place_in_table = Signal(range(largest))
         number = Signal(8)  # words to go
         room = Signal(7)
-        octets, words, most = Signal(4), Signal(11), Signal(8)
+        octets, words, most = Signal(4), Signal(range(largest + 1)), Signal(8)
         last_octet, last_word = Signal(), Signal()
+        banked = Signal()
         with m.Switch(select):
-            for table in TABLES:
+            for table, count in zip(self.tables, self.counts, strict=True):
                 with m.Case(table.number):
                     m.d.comb += [
                         octets.eq(table.octets), last_octet.eq(place[table.octets - 1]),
-                        words.eq(table.count(self.beams)), most.eq(_DATA_LIMIT // table.octets)]
+                        words.eq(count), most.eq(_DATA_LIMIT // table.octets),
+                        banked.eq(table.banked)]
         begun = Signal()
         committed = Signal()  # waits for its frame
         m.d.comb += [
@@ -227,6 +242,18 @@ class Commands(wiring.Component):
             self.table_address.eq(place_in_table),
             self.table_data.eq(word),
         ]
+        # The table of places lies in the external memory.
+        in_memory = C(0, 1)
+        if self.has_memory:
+            in_memory = Signal()
+            half = Signal()  # of the word that is written
+            upper = half | place[4:8].any()
+            memory = self.memory
+            m.d.comb += [
+                in_memory.eq(select == PLACES.number),
+                memory.p.address.eq(Cat(upper, place_in_table)),
+                memory.p.data.eq(word[:64].word_select(upper, 32)),
+            ]
         stopped = Signal()
         waiting = Signal()
         m.d.comb += [
@@ -277,6 +304,7 @@ class Commands(wiring.Component):
             m.d.sync += reason.eq(why)
             m.next = "REPLY"
 
+        lengths = {**_LENGTHS, Command.COMMIT: 2 + _CRC_OCTETS * len(self.tables)}
         with m.FSM():
             with m.State("IDLE"):
                 m.d.comb += waiting.eq(1)
@@ -293,7 +321,7 @@ class Commands(wiring.Component):
                 m.d.sync += [command.eq(self.data), move(2)]
                 m.next = "PARAMETERS"
                 with m.Switch(self.data):
-                    for name, length in _LENGTHS.items():
+                    for name, length in lengths.items():
                         with m.Case(name):
                             fits = (self.i.payload > length if name == Command.TABLE
                                     else self.i.payload == length)
@@ -312,7 +340,7 @@ class Commands(wiring.Component):
 
             with m.State("EXECUTE"):
                 m.d.sync += [
-                    select.eq(word[:2]), place_in_table.eq(first), number.eq(0),
+                    select.eq(word[:len(select)]), place_in_table.eq(first), number.eq(0),
                     room.eq(self.i.payload - _TABLE_HEAD)]
                 m.next = "REPLY"
                 with m.Switch(command):
@@ -348,7 +376,7 @@ class Commands(wiring.Component):
                         with m.If(command == Command.READ_TABLE):
                             m.d.sync += number.eq(word[24:32])
                             m.next = "CHECK"
-                        with m.If(word[:8] >= len(TABLES)):
+                        with m.If(word[:8] >= len(self.tables)):
                             refuse(Reason.UNKNOWN_TABLE)
                     with m.Case(Command.COMMIT):
                         m.d.comb += crc.start.eq(1)
@@ -384,7 +412,7 @@ class Commands(wiring.Component):
                 with m.Elif(command == Command.TABLE):
                     with m.If(~begun):
                         refuse(Reason.NO_BEGIN)
-                    with m.Elif((select == _TABLE_NUMBER["reciprocal"]) & ~stopped):
+                    with m.Elif(~banked & ~stopped):
                         refuse(Reason.NOT_STOPPED)
 
             # TABLE: a word from the buffer, and away with it.
@@ -395,31 +423,55 @@ class Commands(wiring.Component):
                     m.d.sync += place.eq(1)
                     m.next = "WRITE"
 
-            with m.State("WRITE"), m.If(self.table_ready):
-                m.d.comb += self.table_write.eq(1)
-                m.d.sync += [place_in_table.eq(place_in_table + 1), number.eq(number - 1)]
-                with m.If(select == _TABLE_NUMBER["reciprocal"]):
-                    m.d.sync += self.tables_valid.eq(0)
-                m.next = "FILL"
-                with m.If(last_word):
-                    m.next = "REPLY"
+            written = Signal()
+            with m.State("WRITE"):
+                with m.If(~in_memory):
+                    m.d.comb += [
+                        self.table_write.eq(self.table_ready), written.eq(self.table_ready)]
+                if self.has_memory:
+                    with m.Else():
+                        m.d.comb += [
+                            memory.valid.eq(1), memory.p.write.eq(1), memory.p.lanes.eq(0b1111),
+                            written.eq(memory.ready & upper)]
+                        with m.If(memory.ready):
+                            m.d.sync += half.eq(~half)
+                with m.If(written):
+                    m.d.sync += [place_in_table.eq(place_in_table + 1), number.eq(number - 1)]
+                    with m.If(~banked):
+                        m.d.sync += self.tables_valid.eq(0)
+                    m.next = "FILL"
+                    with m.If(last_word):
+                        m.next = "REPLY"
 
             # READ_TABLE and COMMIT: the next octet of the tables.
-            with m.State("ASK"), m.If(self.table_ready):
-                m.d.comb += self.table_read.eq(1)
-                m.next = "ASKED"
+            def take(answer):
+                taken = 0
+                for index, here in enumerate(place):
+                    taken |= answer.word_select(index, 8) & here.replicate(8)
+                m.d.sync += octet.eq(taken)
+                m.next = "KEEP"
+                with m.If(command == Command.COMMIT):
+                    m.next = "SHIFT"
+
+            with m.State("ASK"):
+                with m.If(~in_memory):
+                    m.d.comb += self.table_read.eq(self.table_ready)
+                    with m.If(self.table_ready):
+                        m.next = "ASKED"
+                if self.has_memory:
+                    with m.Else():
+                        m.d.comb += memory.valid.eq(1)
+                        with m.If(memory.ready):
+                            m.next = "FETCH"
             with m.State("ASKED"):
                 m.next = "ANSWER"
             with m.State("ANSWER"):
                 m.next = "TAKE"
             with m.State("TAKE"):
-                taken = 0
-                for index, here in enumerate(place):
-                    taken |= self.table_word.word_select(index, 8) & here.replicate(8)
-                m.d.sync += octet.eq(taken)
-                m.next = "KEEP"
-                with m.If(command == Command.COMMIT):
-                    m.next = "SHIFT"
+                take(self.table_word)
+            if self.has_memory:
+                with m.State("FETCH"), m.If(self.memory_word.valid):
+                    take(Cat(self.memory_word.p, self.memory_word.p, C(0, 8)))
 
             # All replies with data: the next octet of a field, into the buffer with the octet.
             with m.State("FIELD"):
@@ -473,7 +525,7 @@ class Commands(wiring.Component):
                 m.next = "ASK"
                 with m.If(~crc.match_detected):
                     refuse(Reason.DAMAGED_TABLE)
-                with m.Elif(select == len(TABLES) - 1):
+                with m.Elif(select == len(self.tables) - 1):
                     m.d.sync += [committed.eq(1), begun.eq(0)]
                     m.next = "REPLY"
 

@@ -2,28 +2,28 @@
 
 import zlib
 
+from hdl.config import PRESET_NAMES
 from hdl.protocol import (
     CONTENT_LIMIT,
     IDENTITY_FIELDS,
     PROTOCOL_VERSION,
     STATUS_FIELDS,
     TABLE_VERSION,
-    TABLES,
     Command,
     Mode,
     PacketKind,
     Reason,
     registers,
+    tables,
 )
 
 from .receiver import PacketReceiver
 
 __all__ = ["CommandMachine", "Refused"]
 
-_NAMES = {table.name: table.number for table in TABLES}
 #: Octets of parameters.
 _LENGTHS = {
-    Command.IDENTIFY: 0, Command.WRITE: 5, Command.READ: 1, Command.BEGIN: 6, Command.COMMIT: 16,
+    Command.IDENTIFY: 0, Command.WRITE: 5, Command.READ: 1, Command.BEGIN: 6,
     Command.READ_TABLE: 4, Command.STATUS: 0, Command.CAPTURE: 2, Command.CLEAR: 0,
 }
 _DATA_LIMIT = CONTENT_LIMIT - 9
@@ -45,7 +45,7 @@ class CommandMachine:
     written, acting : dict of int by register
         Values as they were written, and as they act.
     tables : list of two lists of lists of int
-        Words by bank, table and address. Both banks hold the same list of reciprocals.
+        Words by bank, table and address. Both banks hold the same list of what has one bank.
     bank, tables_valid, begun, committed : int and three bools
         Bank that acts; whether it was checked; whether BEGIN opened a new set; whether that waits
         for its frame.
@@ -59,16 +59,17 @@ class CommandMachine:
         What STATUS tells and other blocks know, by field; ``state`` holds only their bits.
     """
 
-    def __init__(self, width, height, beams, lanes, preset=0, clock_hz=16_000_000, baud=115_200):
+    def __init__(self, width, height, beams, lanes, preset="capsule", clock_hz=16_000_000,
+                 baud=115_200):
         self.registers = {register.address: register for register in registers(clock_hz, baud)}
         self.written = {entry.name: entry.reset for entry in self.registers.values()}
         self.acting = dict(self.written)
         self._mode_written = False
-        self.counts = [table.count(beams) for table in TABLES]
-        reciprocals = [0] * self.counts[_NAMES["reciprocal"]]
-        self.tables = [
-            [reciprocals if table.name == "reciprocal" else [0] * count
-             for table, count in zip(TABLES, self.counts, strict=True)] for _ in range(2)]
+        self.kinds = tables(preset)
+        self.counts = [table.count(beams, width * height) for table in self.kinds]
+        first = [[0] * count for count in self.counts]
+        self.tables = [first, [list(words) if table.banked else words
+                               for table, words in zip(self.kinds, first, strict=True)]]
         self.bank = 0
         self.tables_valid = self.begun = self.committed = False
         self.capture = self.cleared = 0
@@ -77,7 +78,8 @@ class CommandMachine:
         self._sensor = (width, height, beams, TABLE_VERSION)
         self._identity = {
             "protocol": PROTOCOL_VERSION, "tables": TABLE_VERSION, "width": width,
-            "height": height, "beams": beams, "lanes": lanes, "preset": preset,
+            "height": height, "beams": beams, "lanes": lanes,
+            "preset": PRESET_NAMES.index(preset),
             "clock_khz": clock_hz // 1000}
         self._receiver = PacketReceiver()
 
@@ -131,7 +133,8 @@ class CommandMachine:
             command = Command(command)
         except ValueError:
             raise Refused(Reason.UNKNOWN_COMMAND) from None
-        if len(parameters) != _LENGTHS.get(command, len(parameters)) or (
+        lengths = {**_LENGTHS, Command.COMMIT: 4 * len(self.kinds)}
+        if len(parameters) != lengths.get(command, len(parameters)) or (
                 command == Command.TABLE and len(parameters) < 4):
             raise Refused(Reason.WRONG_LENGTH)
         return getattr(self, "_" + command.name.lower())(parameters) or b""
@@ -189,16 +192,16 @@ class CommandMachine:
 
     def _table(self, parameters):
         number, first, octets = parameters[0], _number(parameters[1:3]), parameters[3:]
-        if number >= len(TABLES):
+        if number >= len(self.kinds):
             raise Refused(Reason.UNKNOWN_TABLE)
-        table = TABLES[number]
+        table = self.kinds[number]
         count, rest = divmod(len(octets), table.octets)
         if rest:
             raise Refused(Reason.WRONG_LENGTH)
         words = self._words(number, first, count)
         if not self.begun:
             raise Refused(Reason.NO_BEGIN)
-        if table.name == "reciprocal":
+        if not table.banked:
             if self.acting["mode"] != Mode.STOP:
                 raise Refused(Reason.NOT_STOPPED)
             self.tables_valid = False
@@ -208,9 +211,9 @@ class CommandMachine:
 
     def _read_table(self, parameters):
         number, first, count = parameters[0], _number(parameters[1:3]), parameters[3]
-        if number >= len(TABLES):
+        if number >= len(self.kinds):
             raise Refused(Reason.UNKNOWN_TABLE)
-        octets = TABLES[number].octets
+        octets = self.kinds[number].octets
         if count * octets > _DATA_LIMIT:
             raise Refused(Reason.OUT_OF_RANGE)
         words = self._words(number, first, count)
@@ -219,14 +222,14 @@ class CommandMachine:
     def checks(self):
         """The CRC-32 of each table of the new set."""
         return [zlib.crc32(b"".join(word.to_bytes(table.octets, "little") for word in words))
-                for table, words in zip(TABLES, self.tables[1 - self.bank], strict=True)]
+                for table, words in zip(self.kinds, self.tables[1 - self.bank], strict=True)]
 
     def _commit(self, parameters):
         if self.committed or not self.ready:
             raise Refused(Reason.BUSY)
         if not self.begun:
             raise Refused(Reason.NO_BEGIN)
-        given = [_number(parameters[at:at + 4]) for at in range(0, 16, 4)]
+        given = [_number(parameters[at:at + 4]) for at in range(0, len(parameters), 4)]
         if given != self.checks():
             raise Refused(Reason.DAMAGED_TABLE)
         self.committed, self.begun = True, False

@@ -3,7 +3,7 @@
 import numpy as np
 
 from hdl.payloads import PacketOctet
-from hdl.protocol import CONTENT_LIMIT, TABLES, Command, Mode, Reason
+from hdl.protocol import CONTENT_LIMIT, Command, Mode, Reason
 from model.link.commands import CommandMachine
 from model.link.receiver import encode
 from tb.link.command_rig import CommandRig
@@ -21,11 +21,12 @@ class Host:
     ``idle``: the rig's ``idle``, with which registers act at once while stopped.
     """
 
-    def __init__(self, width=64, height=48, beams=3, lanes=2, clock_hz=1_000_000, baud=115_200):
-        self.rig = CommandRig(width, height, beams, lanes, clock_hz=clock_hz, baud=baud)
+    def __init__(self, width=64, height=48, beams=3, lanes=2, preset="capsule",
+                 clock_hz=1_000_000, baud=115_200):
+        self.rig = CommandRig(width, height, beams, lanes, preset, clock_hz, baud)
         self.block = NativeBlock(self.rig)
         self.block.reset()
-        self.model = CommandMachine(width, height, beams, lanes, clock_hz=clock_hz, baud=baud)
+        self.model = CommandMachine(width, height, beams, lanes, preset, clock_hz, baud)
         self.writes = 0
         self.idle = False
         self.block.set(ready=1)
@@ -96,7 +97,7 @@ class Host:
         wanted = [self.model.reply(content)]
         assert got == wanted, f"{content.hex(' ')}: {[reply.hex(' ') for reply in got]}"
         if wanted[0][3] == Reason.OK and command == Command.TABLE:
-            self.writes += (len(data) - 3) // TABLES[data[0]].octets
+            self.writes += (len(data) - 3) // self.model.kinds[data[0]].octets
         self._settle()
         self.compare()
         return Reason(wanted[0][3]), wanted[0][4:]
@@ -134,7 +135,7 @@ class Host:
 
     def load(self, number, words, first=0):
         """Words of a table, in as many packets as they take."""
-        table = TABLES[number]
+        table = self.model.kinds[number]
         step = _DATA_LIMIT // table.octets
         for at in range(0, len(words), step):
             octets = b"".join(int(word).to_bytes(table.octets, "little")
@@ -156,7 +157,7 @@ class Host:
             self.ask(Command.READ, [address])
         if self.model.committed or not self.model.ready:
             return
-        for table, count in zip(TABLES, self.model.counts, strict=True):
+        for table, count in zip(self.model.kinds, self.model.counts, strict=True):
             step = _DATA_LIMIT // table.octets
             for first in range(0, count, step):
                 self.ask(Command.READ_TABLE, bytes([table.number]) + first.to_bytes(2, "little")

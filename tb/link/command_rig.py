@@ -1,6 +1,6 @@
 """Receiver and commands with memories for tables, as their benches use them."""
 
-from amaranth.hdl import Cat, Module, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -8,21 +8,23 @@ from amaranth.lib.wiring import In, Out
 from hdl.link.commands import Commands
 from hdl.link.receiver import Receiver
 from hdl.payloads import PacketOctet
-from hdl.protocol import TABLES
+from hdl.protocol import PLACES, TABLES
 
 __all__ = ["SPACING", "CommandRig"]
 
 #: Clocks from an octet to the next, at the least.
 SPACING = 9
 _INNER = ("i", "address", "data", "write_enable", "write_data", "damaged", "table_ready",
-          "table_write", "table_read", "table_select", "table_address", "table_data", "table_word")
+          "table_write", "table_read", "table_select", "table_address", "table_data", "table_word",
+          "memory", "memory_word")
 
 
 class CommandRig(wiring.Component):
     """Octets from the line to replies; the rest of the commands' ports are the rig's.
 
-    ``flicker`` makes the tables unavailable three clocks of four. ``writes`` and ``clears`` count
-    table writes and CLEARs; ``wrong`` tells that an access came too soon or out of turn.
+    ``flicker`` makes the tables unavailable three clocks of four, the external memory one of four.
+    ``writes`` and ``clears`` count table writes and CLEARs; ``wrong`` tells that an access came too
+    soon or out of turn.
     """
 
     def __init__(self, *arguments, **choices):
@@ -68,7 +70,7 @@ class CommandRig(wiring.Component):
         asked = Signal(2)
         m.d.sync += asked.eq(Cat(commands.table_read, asked[0]))
         for table in TABLES:
-            banks = 1 if table.name == "reciprocal" else 2
+            banks = 2 if table.banked else 1
             depth = 1 << (banks * table.words - 1).bit_length()
             memory = Memory(shape=table.bits, depth=depth, init=[])
             m.submodules[table.name] = memory
@@ -98,7 +100,43 @@ class CommandRig(wiring.Component):
             m.d.sync += [since.eq(0), self.wrong.eq(
                 self.wrong | ~commands.table_ready | (since != 3)
                 | (commands.table_write & commands.table_read))]
+        written = self._external(m, phase) if commands.has_memory else 0
         m.d.sync += [
-            self.writes.eq(self.writes + commands.table_write),
+            self.writes.eq(self.writes + (commands.table_write | written)),
             self.clears.eq(self.clears + commands.clear)]
         return m
+
+    def _external(self, m, phase):
+        """The external memory; high when the upper half of a word is written."""
+        commands = self.commands
+        command, answer = commands.memory, commands.memory_word
+        m.submodules.external = memory = Memory(
+            shape=32, depth=2 * commands.counts[PLACES.number], init=[])
+        port, read = memory.write_port(), memory.read_port()
+        taken = command.valid & command.ready
+        coming, stays = Signal(), Signal()
+        before = Signal.like(Value.cast(command.p))
+        m.d.comb += [
+            command.ready.eq((phase != 2) | ~self.flicker),
+            port.addr.eq(command.p.address),
+            port.data.eq(command.p.data),
+            port.en.eq(taken & command.p.write),
+            read.addr.eq(command.p.address),
+        ]
+        m.d.sync += [
+            coming.eq(taken & ~command.p.write),
+            stays.eq(command.valid & ~command.ready),
+            before.eq(command.p),
+        ]
+        # The word comes in the second clock, and in no other.
+        m.d.sync += answer.valid.eq(coming)
+        held = Signal(32)
+        with m.If(coming):
+            m.d.sync += held.eq(read.data)
+        m.d.comb += answer.p.eq(Mux(answer.valid, held, 0))
+        with m.If(stays & ~(command.valid & (Value.cast(command.p) == before))):
+            m.d.sync += self.wrong.eq(1)
+        with m.If(taken & ((command.p.address >= 2 * commands.counts[PLACES.number])
+                           | (command.p.write & (command.p.lanes != 0b1111)))):
+            m.d.sync += self.wrong.eq(1)
+        return taken & command.p.write & command.p.address[0]

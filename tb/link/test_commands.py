@@ -5,7 +5,7 @@ import pytest
 
 from hdl.export import to_verilog
 from hdl.link.commands import Commands
-from hdl.protocol import GUARD_CAUSES, TABLES, Command, Mode, Reason
+from hdl.protocol import GUARD_CAUSES, Command, Mode, Reason
 from model.link.receiver import encode
 from scripts.size import measure_verilog
 from tb.hdlsim import run
@@ -13,7 +13,7 @@ from tb.link.command_host import Host
 from tb.link.command_rig import CommandRig
 
 SENSOR = bytes([64, 0, 48, 0, 3, 1])
-DEPTH, RECIPROCAL, RADIAL, BEAMS = range(4)
+DEPTH, RECIPROCAL, RADIAL, BEAMS, PLACES = range(5)
 
 
 @pytest.mark.parametrize("gap,stall", [(0.0, 0.0), (0.5, 0.0), (0.0, 0.9)])
@@ -33,7 +33,7 @@ def random_command(rng, host):
     """A command and its data: most of them well made, all of them sometimes not."""
     model = host.model
     command = rng.choice([*Command, *[Command.TABLE, Command.WRITE, Command.READ_TABLE] * 3])
-    table = rng.choice(TABLES)
+    table = rng.choice(model.kinds)
     count = model.counts[table.number]
     first = rng.choice([0, rng.randrange(count), count - 1, count, rng.getrandbits(16)])
     number = table.number if rng.random() < 0.95 else rng.getrandbits(8)
@@ -59,7 +59,7 @@ def random_command(rng, host):
     elif command == Command.COMMIT:
         checks = model.checks()
         if rng.random() < 0.3:
-            checks[rng.randrange(4)] ^= 1 << rng.randrange(32)
+            checks[rng.randrange(len(checks))] ^= 1 << rng.randrange(32)
         data = b"".join(check.to_bytes(4, "little") for check in checks)
     elif command == Command.READ_TABLE:
         data = bytes([number]) + first.to_bytes(2, "little") + bytes([
@@ -94,11 +94,12 @@ def change_inputs(rng, host):
             host.pulse(*rng.choice([["apply"], ["single_done"], ["apply", "single_done"]]))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_random_commands(seed):
+@pytest.mark.parametrize("preset,seed", [
+    ("capsule", 1), ("capsule", 2), ("capsule", 3), ("paper", 1), ("paper", 2)])
+def test_random_commands(preset, seed):
     """Every reply, register, table and counter is the model's, at any stall."""
     rng = random.Random(seed)
-    host = Host()
+    host = Host(preset=preset)
     reasons = set()
     for number in range(600):
         change_inputs(rng, host)
@@ -140,9 +141,11 @@ def test_damaged_packets(seed):
     assert sum(answer[3] == Reason.DAMAGED_PACKET for answer in answers) > 200
 
 
-def test_every_refusal_changes_nothing():
+@pytest.mark.parametrize("preset", ["capsule", "paper"])
+def test_every_refusal_changes_nothing(preset):
     """Each reason, provoked in each way; then everything is read back."""
-    host = Host()
+    host = Host(preset=preset)
+    no_checks = bytes(4 * len(host.model.counts))
     host.set(idle=1)
     rng = random.Random(1)
     register = {entry.name: entry for entry in host.model.registers.values()}
@@ -160,12 +163,13 @@ def test_every_refusal_changes_nothing():
     seen = set()
     assert host.begin() == Reason.OK
     for number, count in enumerate(host.model.counts):
-        assert host.load(number, random_words(rng, TABLES[number], count)) == Reason.OK
+        assert host.load(number, random_words(rng, host.model.kinds[number], count)) == Reason.OK
     for command in (0, 11, 0x81, 0xFF):
         refused(Reason.UNKNOWN_COMMAND, command)
     for command, length in [(Command.IDENTIFY, 0), (Command.WRITE, 5), (Command.READ, 1),
-                            (Command.BEGIN, 6), (Command.COMMIT, 16), (Command.READ_TABLE, 4),
-                            (Command.STATUS, 0), (Command.CAPTURE, 2), (Command.CLEAR, 0)]:
+                            (Command.BEGIN, 6), (Command.COMMIT, len(no_checks)),
+                            (Command.READ_TABLE, 4), (Command.STATUS, 0), (Command.CAPTURE, 2),
+                            (Command.CLEAR, 0)]:
         for wrong in {length - 1, length + 1, 91} - {-1}:
             refused(Reason.WRONG_LENGTH, command, bytes(wrong))
     for length in (0, 1, 2, 3, 4, 7, 9, 87, 91):
@@ -185,13 +189,13 @@ def test_every_refusal_changes_nothing():
         for value in wrong:
             refused(Reason.OUT_OF_RANGE, Command.WRITE, word(name, value))
     for number, count in enumerate(host.model.counts):
-        octets = TABLES[number].octets
+        octets = host.model.kinds[number].octets
         for first, words in [(count, 1), (count - 1, 2), (0xFFFF, 1), (1 << 10, 1), (1 << 15, 1)]:
             refused(Reason.OUT_OF_RANGE, Command.TABLE, table(number, first, bytes(octets * words)))
             refused(Reason.OUT_OF_RANGE, Command.READ_TABLE, table(number, first, [words]))
         for words in (0, 88 // octets + 1, 255):
             refused(Reason.OUT_OF_RANGE, Command.READ_TABLE, table(number, 0, [words]))
-    for number in (4, 5, 8, 128, 255):
+    for number in (len(host.model.counts), 5, 8, 12, 128, 255):
         refused(Reason.UNKNOWN_TABLE, Command.TABLE, table(number, 0, bytes(9)))
         refused(Reason.UNKNOWN_TABLE, Command.READ_TABLE, table(number, 0, [1]))
     for at in range(6):
@@ -199,15 +203,15 @@ def test_every_refusal_changes_nothing():
             other = bytearray(SENSOR)
             other[at] ^= 1 << bit
             refused(Reason.OTHER_SENSOR, Command.BEGIN, other)
-    for number in range(4):
+    for number in range(len(host.model.counts)):
         checks = host.model.checks()
-        checks[number] ^= 1 << 8 * number
+        checks[number] ^= 1 << 7 * number
         assert host.commit(checks) == Reason.DAMAGED_TABLE
         seen.add(Reason.DAMAGED_TABLE)
     host.set(ready=0)
     refused(Reason.BUSY, Command.TABLE, table(RADIAL, 0, bytes(3)))
     refused(Reason.BUSY, Command.READ_TABLE, table(RADIAL, 0, [1]))
-    refused(Reason.BUSY, Command.COMMIT, bytes(16))
+    refused(Reason.BUSY, Command.COMMIT, no_checks)
     host.set(ready=1)
     host.read_everything()
 
@@ -216,31 +220,35 @@ def test_every_refusal_changes_nothing():
     assert host.model.acting["mode"] == Mode.CONTINUOUS
     refused(Reason.NOT_STOPPED, Command.WRITE, word("divisor", 100))
     refused(Reason.NOT_STOPPED, Command.TABLE, table(RECIPROCAL, 0, bytes(5)))
+    if preset == "paper":
+        refused(Reason.NOT_STOPPED, Command.TABLE, table(PLACES, 0, bytes(8)))
     assert host.commit() == Reason.OK
     for command, data in [(Command.BEGIN, SENSOR), (Command.TABLE, table(RADIAL, 0, bytes(3))),
-                          (Command.READ_TABLE, table(RADIAL, 0, [1])), (Command.COMMIT, bytes(16))]:
+                          (Command.READ_TABLE, table(RADIAL, 0, [1])), (Command.COMMIT, no_checks)]:
         refused(Reason.BUSY, command, data)
     host.read_everything()
     host.pulse("apply")
     refused(Reason.NO_BEGIN, Command.TABLE, table(RADIAL, 0, bytes(3)))
-    refused(Reason.NO_BEGIN, Command.COMMIT, bytes(16))
+    refused(Reason.NO_BEGIN, Command.COMMIT, no_checks)
     assert host.damaged(b"\0\3\7\0")[0][3] == Reason.DAMAGED_PACKET
     seen.add(Reason.DAMAGED_PACKET)
     host.read_everything()
     assert seen == set(Reason) - {Reason.OK}
 
 
-@pytest.mark.parametrize("beams,seed", [(49, 1), (128, 2)])
-def test_banks_change_places(beams, seed):
+@pytest.mark.parametrize("width,height,beams,preset,seed", [
+    (352, 288, 49, "capsule", 1), (352, 288, 128, "capsule", 2), (49, 35, 3, "paper", 3)])
+def test_banks_change_places(width, height, beams, preset, seed):
     """Whole sets, one after the other, in a chip that runs."""
     rng = random.Random(seed)
-    host = Host(352, 288, beams, 2, clock_hz=16_000_000)
+    host = Host(width, height, beams, 2, preset, clock_hz=16_000_000)
 
-    def load(reciprocals):
+    def load(not_banked):
         assert host.begin() == Reason.OK
         for number, count in enumerate(host.model.counts):
-            if number != RECIPROCAL or reciprocals:
-                assert host.load(number, random_words(rng, TABLES[number], count)) == Reason.OK
+            table = host.model.kinds[number]
+            if table.banked or not_banked:
+                assert host.load(number, random_words(rng, table, count)) == Reason.OK
 
     load(True)
     assert host.commit() == Reason.OK
@@ -252,7 +260,7 @@ def test_banks_change_places(beams, seed):
     for bank in (0, 1):
         load(False)
         host.read_everything()
-        assert host.commit([0, 0, 0, 0]) == Reason.DAMAGED_TABLE
+        assert host.commit([0] * len(host.model.counts)) == Reason.DAMAGED_TABLE
         assert host.block.get("tables_valid") and host.block.get("bank") == 1 - bank
         # The set is still open: one more word, and it is right.
         assert host.load(RADIAL, [5], 1023) == Reason.OK
@@ -262,21 +270,24 @@ def test_banks_change_places(beams, seed):
         assert host.block.get("alpha") != 10 + bank
         host.pulse("apply")
         assert host.block.get("bank") == bank and host.block.get("alpha") == 10 + bank
-    # New reciprocals spoil the set that acts until a set is checked.
+    # What has one bank spoils the set that acts until a set is checked.
     assert host.write("mode", Mode.STOP) == Reason.OK
     host.pulse("apply")
-    assert host.begin() == Reason.OK and host.block.get("tables_valid")
-    assert host.load(RECIPROCAL, [1], 255) == Reason.OK
-    assert not host.block.get("tables_valid")
-    assert host.commit() == Reason.OK
-    host.set(idle=1)
-    assert host.block.get("tables_valid")
+    for table, count in zip(host.model.kinds, host.model.counts, strict=True):
+        assert host.begin() == Reason.OK and host.block.get("tables_valid")
+        assert host.load(table.number, [1], count - 1) == Reason.OK
+        assert host.block.get("tables_valid") == table.banked
+        assert host.commit() == Reason.OK
+        host.set(idle=1)
+        assert host.block.get("tables_valid")
+        host.set(idle=0)
 
 
-def test_tables_that_are_needed_meanwhile():
+@pytest.mark.parametrize("preset", ["capsule", "paper"])
+def test_tables_that_are_needed_meanwhile(preset):
     """Spots take the tables again and again: accesses wait, and nothing else changes."""
     rng = random.Random(3)
-    host = Host()
+    host = Host(preset=preset)
     host.block.set(flicker=1)
 
     def insist(command, data):
@@ -294,7 +305,7 @@ def test_tables_that_are_needed_meanwhile():
 
     host.begin()
     for number, count in enumerate(host.model.counts):
-        table = TABLES[number]
+        table = host.model.kinds[number]
         for first in range(0, count, 50):
             words = random_words(rng, table, min(count - first, 88 // table.octets))
             head = bytes([number]) + first.to_bytes(2, "little")

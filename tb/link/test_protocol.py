@@ -76,6 +76,8 @@ def test_the_example_is_what_the_chip_answers():
 def test_time_of_a_commit():
     assert "which takes 4 ms in the preset `capsule`" in README
     assert round(Commands(352, 288, 49, 2).commit_clocks() / 16_000) == 4
+    assert "and 156 ms with a table of places in `paper`, at 352 x 288 pixels" in README
+    assert round(Commands(352, 288, 49, 49, "paper").commit_clocks() / 16_000) == 156
 
 
 def test_octets_of_a_frame():

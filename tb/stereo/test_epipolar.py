@@ -1,6 +1,8 @@
 # amaranth: UnusedElaboratable=no
 import numpy as np
 import pytest
+from amaranth.hdl import Fragment
+from amaranth.sim import Simulator
 
 from hdl.payloads import Match, Undistorted
 from hdl.stereo.epipolar import Epipolar
@@ -26,6 +28,39 @@ def test_epipolar_twin(request, beams, lanes, latency, standard):
     run(request, "epipolar", "tb.stereo.tb_epipolar", vhdl=TWIN, standard=standard,
         generics={"beams": beams, "lanes": lanes},
         parameters={"beams": beams, "lanes": lanes, "latency": latency, "seed": 2})
+
+
+@pytest.mark.parametrize("name", ["lines", "windows"])
+@pytest.mark.parametrize("copy,bit", [(0, 0), (2, 35), (4, 17)])
+def test_a_fault_in_any_copy_is_read_back(name, copy, bit):
+    """Five lanes have three copies of each word, of which the host reads one."""
+    epipolar = Epipolar(9, 5)
+    fragment = Fragment.get(epipolar, None)
+    rows = next(inner for inner, inner_name, _ in fragment.subfragments
+                if inner_name == f"{name}_{copy}")._data
+    words = 0x123456789, 0xFEDCBA987
+
+    async def bench(context):
+        read = []
+        for fault in (0, 1 << bit):
+            context.set(epipolar.write_address, 7)
+            context.set(epipolar.write_line, words[0])
+            context.set(epipolar.write_window, words[1])
+            context.set(epipolar.write_enable, 1)
+            await context.tick()
+            context.set(epipolar.write_enable, 0)
+            context.set(rows[7], context.get(rows[7]) ^ fault)
+            context.set(epipolar.read_enable, 1)
+            await context.tick()
+            context.set(epipolar.read_enable, 0)
+            read.append((context.get(epipolar.read_line), context.get(epipolar.read_window)))
+        assert read[0] == words
+        assert read[1] != words
+
+    simulator = Simulator(fragment)
+    simulator.add_clock(1e-6)
+    simulator.add_testbench(bench)
+    simulator.run()
 
 
 @pytest.mark.parametrize("beams,lanes,error", [

@@ -89,7 +89,7 @@ class FakeInstrument:
         self.registers = {name.name: name.reset for name in _REGISTERS.values()}
         self.counters = dict.fromkeys(("commands", "refused", "damaged", "pairs", "packets"), 0)
         self.guard_causes = self.capture_until = 0
-        self.tables = {table.name: [0] * table.count(beams) for table in TABLES}
+        self.tables = {table.name: [0] * table.count(beams, 0) for table in TABLES}
         self._new = {name: list(words) for name, words in self.tables.items()}
         self._begun = self._committed = self.valid = False
         self._bank, self.number, self.now, self._next = 0, 0, 0, 0
@@ -259,7 +259,7 @@ class FakeInstrument:
         count, rest = divmod(len(data) - 3, table.octets)
         if rest:
             return Reason.WRONG_LENGTH, b""
-        if first + count > table.count(self.beams):
+        if first + count > table.count(self.beams, 0):
             return Reason.OUT_OF_RANGE, b""
         if table.name == "reciprocal" and self.registers["mode"] != Mode.STOP:
             return Reason.NOT_STOPPED, b""
@@ -274,7 +274,7 @@ class FakeInstrument:
         table, first = self._span(data)
         if table is None:
             return Reason.UNKNOWN_TABLE, b""
-        if first + data[3] > table.count(self.beams) or data[3] * table.octets > 88:
+        if first + data[3] > table.count(self.beams, 0) or data[3] * table.octets > 88:
             return Reason.OUT_OF_RANGE, b""
         return b"".join(word.to_bytes(table.octets, "little")
                         for word in self._new[table.name][first:first + data[3]])

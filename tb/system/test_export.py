@@ -68,6 +68,13 @@ def test_port_names_are_legal(exported, block):
 
 
 @pytest.mark.parametrize("block", PRESENT, ids=NAMES)
+def test_every_process_hears_something(exported, block):
+    """A part of a signal that is driven by a constant becomes one that never runs in a simulator:
+    drive such a part together with the rest."""
+    assert not re.findall(r"always @\*\n\s+(\S+) *= \d+'s?h[\da-f]+ *;", text_of(exported, block))
+
+
+@pytest.mark.parametrize("block", PRESENT, ids=NAMES)
 def test_tables_name_every_port_and_memory(exported, block):
     text = text_of(exported, block)
     table = (exported / "PORTS.md").read_text()

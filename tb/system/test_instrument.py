@@ -172,7 +172,7 @@ def test_tables_change_between_frames():
     bench = Whole(SMALL, one, spots(7), mode=Mode.CONTINUOUS, full_records=1)
     bench.decoder.rebuild = None
     bench.run(4 * PERIOD_US)
-    bench.load(other, reciprocals=False)
+    bench.load(other, not_banked=False)
     bench.run(4 * PERIOD_US)
     models = [Model(settings, 64, 64) for settings in (one, other)]
     sets = []

@@ -6,10 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.lens import Lens
+from calibration.remap import remap_table
+from hdl.protocol import Mode, Reason
 from model.paper import Paper
+from scripts.commands import RefusedError, check_chip
+from scripts.errors import UserError
+from scripts.load import load
+from tb.system.fake_instrument import any_calibration
 from tb.system.stimuli import spot_frame
-from tb.system.test_paper import CIF, SMALL, settings_of
+from tb.system.test_paper import CIF, settings_of
+from tb.system.test_paper import SMALL as SLOW
 from tb.system.whole import Whole, same
+
+#: Loading takes longer than all else; the line's speed is not what matters here.
+SMALL = replace(SLOW, baud=2_000_000)
 
 
 def whole_of(config, seed, spots, **choices):
@@ -47,7 +58,8 @@ def check_frames(whole):
     (SMALL, 12, 12), (replace(CIF, baud=1_000_000), 6, 49)], ids=["64x64", "cif"])
 def test_pairs_at_video_rate(config, pairs, spots):
     """25 pairs a second: every lit pattern is measured, and textures come beside them."""
-    whole = whole_of(config, 1, spots, line_blanking=48, mode=1)
+    whole = whole_of(config, 1, spots, line_blanking=48, mode=1,
+                     places_in_memory=config.width > 64)
     whole.run(40_000 * (pairs + 3))
     assert not check_frames(whole)
     assert whole.assert_light_is_safe() >= pairs
@@ -65,3 +77,34 @@ def test_a_broken_frame_costs_no_other():
     broken, = check_frames(whole)
     assert not broken.spots and not len(broken.points)
     assert sum(frame.index > broken.index for frame in whole.frames) >= 3
+
+
+def test_tables_come_over_the_line():
+    """What `cyclope load` does with a calibration for whole images; a bit wrong in the table of
+    places, or that table alone missing, and there is no light."""
+    table = remap_table(Lens(64, 64, 54.0, 32.8, 30.8, k1=0.15))
+    calibration = any_calibration(rows=4, columns=4, erosion="erode", weighted=False, remap=table)
+    images = [spot_frame(64, 64, seed, spots=12) for seed in range(4)]
+    whole = Whole(SMALL, calibration.settings, images, load=False)
+    commands = whole.commands
+    check_chip(commands.identify(), calibration)
+    with pytest.raises(UserError, match="calibrate with `cyclope calibrate --preset paper`"):
+        check_chip(commands.identify(), any_calibration(rows=4, columns=4))
+
+    def damage(words):
+        places = list(words["places"])
+        places[777] ^= 1 << 40
+        return {**words, "places": places}
+
+    for harm in (damage, lambda words: {**words, "places": []}):
+        with pytest.raises(RefusedError) as refused:
+            whole.load(calibration.settings, harm)
+        assert refused.value.reason == Reason.DAMAGED_TABLE
+        assert not commands.status()["state"].tables_valid
+    steps = []
+    load(commands, calibration, lambda done, total: steps.append((done, total)))
+    assert steps[-1][0] == steps[-1][1]
+    commands.write("mode", Mode.CONTINUOUS)
+    whole.run(6 * 40_000)
+    assert commands.status()["state"].tables_valid
+    assert not check_frames(whole) and whole.assert_light_is_safe() >= 3

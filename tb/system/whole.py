@@ -3,6 +3,7 @@
 import numpy as np
 
 from hdl.paper_points import REMAP_BASE
+from hdl.protocol import PLACES
 from model.capsule import Capsule as Model
 from model.preprocessing.remap import pack_remap
 from scripts.commands import Commands, table_contents
@@ -48,19 +49,22 @@ class Whole:
         What a texture frame shows.
     load : :class:`bool`
         Load and commit the tables.
+    places_in_memory : :class:`bool`
+        Put the table of places into the external memory without sending it, to save time.
     registers : :class:`int`
         Further registers.
     """
 
     def __init__(self, config, settings, images, texture=None, load=True, line_blanking=0,
-                 **registers):
+                 places_in_memory=False, **registers):
         self.config, self.settings, self.images = config, settings, images
         blank = np.full((config.height, config.width), 40, np.uint8)
         self.texture = blank if texture is None else texture
         #: (image or None for a texture, microseconds integrated, microseconds lit) of every frame.
         self.shown = []
         self.instrument = Instrument(config, self._picture, line_blanking=line_blanking)
-        if config.preset == "paper":
+        self._places_in_memory = places_in_memory
+        if places_in_memory:
             self.instrument.fill_memory(REMAP_BASE, pack_remap(settings.remap))
         self.line = Line(self.instrument, step_us=100)
         self.commands = Commands(self.line, timeout=120)
@@ -74,16 +78,17 @@ class Whole:
         for name, value in {**settings.registers(), **registers, "mode": mode}.items():
             self.commands.write(name, signed(name, value))
 
-    def load(self, settings, damage=None, reciprocals=True):
+    def load(self, settings, damage=None, not_banked=True):
         """Load and commit tables; ``damage`` may change their words after the CRC was made.
 
-        Reciprocals cannot be written while frames pass.
+        Those that have one bank cannot be written while frames pass.
         """
         config, words = self.config, table_contents(settings)
         sent = damage(words) if damage else words
         self.commands.begin(config.width, config.height, config.beams)
         for table, first, some in self.commands.chunks(sent):
-            if not reciprocals and table.name == "reciprocal":
+            if (not not_banked and not table.banked) or (
+                    table == PLACES and self._places_in_memory):
                 continue
             self.commands.write_table(table, first, some)
         self.commands.commit(words)

@@ -102,8 +102,8 @@ class Instrument(wiring.Component):
         # Exposure, and the last word on the laser.
         m.submodules.sequencer = sequencer = Sequencer(config.clock_hz)
         m.submodules.laser_guard = guard = LaserGuard(config.clock_hz)
-        for name in ("mode", "period_us", "pattern_reset_us", "pattern_us", "texture_reset_us",
-                     "texture_us"):
+        for name in ("mode", "pictures", "period_us", "pattern_reset_us", "pattern_us",
+                     "texture_reset_us", "texture_us"):
             m.d.comb += getattr(sequencer, name).eq(getattr(commands, name))
         m.d.comb += [
             sequencer.sending.eq(sending),

@@ -76,7 +76,7 @@ class Flag(IntEnum):
     CAPTURE = 4  # taken in calibration capture
     TRIPPED = 5  # the laser guard holds a cause, see STATUS
     TABLES_VALID = 6  # a set of tables was committed and checked
-    TEXTURE = 7  # exposed without the laser
+    TEXTURE = 7  # sent as a picture, and not measured
 
 
 #: Trailer of a pattern frame's last packet. ``flags`` is the packet's last octet before the check;
@@ -181,6 +181,8 @@ def registers(clock_hz=16_000_000, baud=115_200):
         Register(0x03, "pattern_us", 16, 500, "integration of the pattern, laser on", low=1),
         Register(0x04, "texture_reset_us", 16, 100, "sensor reset before the texture", low=1),
         Register(0x05, "texture_us", 16, 10_000, "integration of the texture, laser off", low=1),
+        Register(0x06, "pictures", 1, 0, "in mode 3, send pattern frames as textures are sent, and "
+                 "no points of them"),
         Register(0x10, "threshold_fixed", 1, 0, "use `threshold_level` instead of the learnt one"),
         Register(0x11, "threshold_level", 8, 0, "fixed threshold"),
         Register(0x12, "alpha", 8, 5 << 4, "T = mean + alpha sigma, unsigned Q4.4"),

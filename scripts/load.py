@@ -10,10 +10,13 @@ from scripts.port import add_port_arguments, open_port
 
 __all__ = ["add_arguments", "load", "main"]
 
-_MODES = {"start": (Mode.CONTINUOUS, "run: pattern, texture, pattern, ..."),
-          "stop": (Mode.STOP, "stop, the laser is off"),
-          "single": (Mode.SINGLE, "one pair of pattern and texture, then stop"),
-          "pattern-only": (Mode.PATTERN, "run, pattern frames only")}
+#: Mode, register ``pictures`` and meaning.
+_MODES = {"start": (Mode.CONTINUOUS, 0, "run: pattern, texture, pattern, ..."),
+          "stop": (Mode.STOP, 0, "stop, the laser is off"),
+          "single": (Mode.SINGLE, 0, "one pair of pattern and texture, then stop"),
+          "pattern-only": (Mode.PATTERN, 0, "run, pattern frames only"),
+          "pictures": (Mode.PATTERN, 1, "run, pattern frames only, and send them as pictures, "
+                                        "without points: for a calibration")}
 _TIMES = {"period_us": "from pattern to pattern", "pattern_us": "exposure of the pattern",
           "texture_us": "exposure of the texture", "pattern_reset_us": "reset before the pattern",
           "texture_reset_us": "reset before the texture"}
@@ -30,8 +33,8 @@ def add_arguments(parser):
     parser.add_argument("calibration", nargs="?", type=Path, metavar="FILE",
                         help="calibration.json from `cyclope calibrate`")
     modes = parser.add_mutually_exclusive_group()
-    for name, (mode, words) in _MODES.items():
-        modes.add_argument(f"--{name}", dest="mode", action="store_const", const=mode, help=words)
+    for name, (_, _, words) in _MODES.items():
+        modes.add_argument(f"--{name}", dest="mode", action="store_const", const=name, help=words)
     for name, words in _TIMES.items():
         parser.add_argument("--" + name.replace("_", "-"), type=int, metavar="US",
                             help=f"{words}, microseconds")
@@ -66,8 +69,8 @@ def _chosen(arguments):
         high = high if register.high is None else register.high
         if not low <= value <= high:
             raise UserError(f"{name} must be {low} to {high}, not {value}.")
-    if "mode" in chosen:
-        raise UserError("Choose the mode by --start, --stop, --single or --pattern-only.")
+    if "mode" in chosen or "pictures" in chosen:
+        raise UserError(f"Choose the mode by one of --{', --'.join(_MODES)}.")
     if "divisor" in chosen:
         raise UserError(
             "divisor is the speed of this very line, which this program does not change.")
@@ -168,6 +171,7 @@ def main(arguments):
 
     from scripts.status import laser
     chosen = _chosen(arguments)
+    mode, pictures, _ = _MODES.get(arguments.mode, (None, None, None))
     calibration = None
     if arguments.calibration is not None:
         from calibration import file
@@ -178,7 +182,6 @@ def main(arguments):
         commands = Commands(port)
         identity = commands.identify()
         before = commands.status()["state"]
-        mode = arguments.mode
         if calibration is not None:
             check_chip(identity, calibration)
             mode = before.mode if mode is None else mode
@@ -195,6 +198,8 @@ def main(arguments):
             commands.clear()
         if arguments.capture_ms is not None:
             commands.capture(arguments.capture_ms)
+        if pictures is not None and commands.read("pictures") != pictures:
+            commands.write("pictures", pictures)
         if mode is not None:
             commands.write("mode", mode)
         # A set of tables is taken at a frame's start; a chip that stands still may have none.
@@ -214,7 +219,7 @@ def main(arguments):
               else "valid" if state.tables_valid else "none that are valid")
     print(f"tables: {tables}")
     print(f"laser: {laser(status)}")
-    print(f"mode: {_mode(state)}")
+    print(f"mode: {_mode(state)}" + (", as pictures" if pictures else ""))
     return 0
 
 

@@ -24,8 +24,9 @@ def add_arguments(parser):
     parser.description = (
         "Receive from the chip, or replay a recording: write points.csv and points.ply, frames.csv "
         "(a row per frame), texture/NNNN.png each time the whole texture has been refreshed, the "
-        "last state in texture.png, and link.raw, the recording itself. Ctrl-C ends it, as does "
-        "the device when it is unplugged; all is then in OUT.")
+        "last state in texture.png, and link.raw, the recording itself. Pictures that were taken "
+        "with the laser on go to pattern/NNNN.png and pattern.png. Ctrl-C ends it, as does the "
+        "device when it is unplugged; all is then in OUT.")
     parser.epilog = (
         "NNNN and the column `frame` are the chip's frame numbers. Points of a frame whose check "
         "failed have the status `unverified` and no place.")
@@ -36,6 +37,8 @@ def add_arguments(parser):
     parser.add_argument("--calibration", type=Path, metavar="FILE",
                         help="calibration.json that the chip was loaded with")
     parser.add_argument("--frames", type=int, metavar="N", help="end after so many pattern frames")
+    parser.add_argument("--pictures", type=int, metavar="N",
+                        help="end after so many whole pictures, with or without the laser")
     parser.add_argument("--seconds", type=float, metavar="S",
                         help="end after so long; in a recording, by the chip's clock")
     parser.add_argument("--ply", choices=("all", "last"), default="all",
@@ -155,6 +158,10 @@ class _Line:
 
         from scripts.recorder import MISMATCH
         last = recorder.last
+        if last is None and recorder.seen:
+            return Text(f"{self.name}  " + "  ".join(
+                f"{kind}: {recorder.whole[kind]} whole pictures, the next {picture.fresh:.0%}"
+                for kind, picture in recorder.pictures.items() if kind in recorder.seen))
         if last is None:
             words = ("nothing but garbage" if decoder.octets and not decoder.packets else
                      "no frame yet: `cyclope load PORT --start` starts the chip" if decoder.packets
@@ -163,7 +170,8 @@ class _Line:
         ok = int((last.points["status"] == 0).sum())
         laser = "on" if last.laser else "off"
         text = Text(f"{self.name}  frame {last.index}  {self._rate(recorder):4.1f} frames/s  "
-                    f"{ok:2} of {last.spots} spots ok  {recorder.textures} textures  lost packets ")
+                    f"{ok:2} of {last.spots} spots ok  {recorder.whole['texture']} textures  "
+                    "lost packets ")
         text.append(str(decoder.lost), style="yellow" if decoder.lost else "")
         text.append(f"  laser {laser}")
         if last.summarised and not last.tables_valid:
@@ -211,13 +219,16 @@ def _receive(arguments, source, decoder, recorder, raw, stopped, show):
                         return f"{arguments.seconds:g} s are over"
             if arguments.frames is not None and recorder.frames >= arguments.frames:
                 return None
+            if arguments.pictures is not None and (
+                    sum(recorder.whole.values()) >= arguments.pictures):
+                return None
         show()
     return "interrupted"
 
 
 def main(arguments):
     """Receive with parsed arguments; gives the exit status."""
-    for name in ("frames", "seconds"):
+    for name in ("frames", "pictures", "seconds"):
         value = getattr(arguments, name)
         if value is not None and not value > 0:
             raise UserError(f"--{name} must be more than 0, not {value}.")
@@ -277,15 +288,18 @@ def _report(arguments, decoder, recorder, why):
     if why:
         print(f"{why}.")
     print(f"{many(recorder.frames, 'frame')}, {many(recorder.points, 'point')} and "
-          f"{many(recorder.textures, 'whole texture')} in {arguments.output}")
+          + " and ".join(many(count, f"whole {kind}") for kind, count in recorder.whole.items()
+                         if kind == "texture" or kind in recorder.seen)
+          + f" in {arguments.output}")
     for number, words in (
             (decoder.lost, "packets lost"), (decoder.damaged, "packets damaged"),
             (decoder.garbage, "octets of garbage"), (decoder.unknown, "unknown packets"),
             (decoder.unbalanced, "frames whose counts do not add up"),
-            (recorder.texture.outside, "pieces of texture outside of the sensor")):
+            (sum(picture.outside for picture in recorder.pictures.values()),
+             "pieces of texture outside of the sensor")):
         if number:
             print(f"! {number} {words}")
     if recorder.unverified:
         print(f"! {many(recorder.unverified, 'frame')} whose check failed: {MISMATCH}.")
-    if not recorder.frames:
+    if not recorder.frames and "pattern" not in recorder.seen:
         print("! no frame came: `cyclope load PORT --start` starts the chip.")

@@ -33,6 +33,10 @@ _FRAMES_HEADER = ("number,kind,laser,exposure_us,timestamp_us," + ",".join(_COUN
 _CHECK = {True: "ok", False: "failed", None: ""}
 
 
+#: Texture frames of which is remembered whether they were lit.
+_REMEMBERED = 64
+
+
 class Texture:
     """The picture that texture pieces add up to.
 
@@ -55,6 +59,11 @@ class Texture:
         width, height = size or (0, 0)
         self.image = np.zeros((height, width), np.uint8)
         self._fresh = np.zeros((height, width), bool)
+
+    @property
+    def fresh(self):
+        """Part of the picture that came since it was whole for the last time, 0 to 1."""
+        return float(self._fresh.mean()) if self._fresh.size else 0.0
 
     def resize(self, size):
         """Take the size, which was not known."""
@@ -97,8 +106,12 @@ class Recorder:
 
     Attributes
     ----------
-    frames, points, textures, unverified : :class:`int`
-        Pattern frames; points with a beam; whole pictures; frames whose check failed.
+    frames, points, unverified : :class:`int`
+        Pattern frames; points with a beam; frames whose check failed.
+    pictures : dict of :class:`Texture` by :class:`str`
+        What came of ``texture``, exposed without the laser, and of ``pattern``, with it.
+    whole : dict of :class:`int` by :class:`str`
+        How often each was refreshed as a whole.
     last : :class:`scripts.messages.Frame` or None
         The last pattern frame.
     identity : :class:`dict` or None
@@ -107,12 +120,16 @@ class Recorder:
 
     def __init__(self, folder, calibration=None, last_only=False):
         self.folder, self.calibration, self.last_only = folder, calibration, last_only
-        self.frames = self.points = self.textures = self.unverified = 0
+        self.frames = self.points = self.unverified = 0
         self.last = self.identity = None
-        self.texture = Texture(calibration and (calibration.width, calibration.height))
+        size = calibration and (calibration.width, calibration.height)
+        self.pictures = {kind: Texture(size) for kind in ("texture", "pattern")}
+        self.whole = dict.fromkeys(self.pictures, 0)
+        self.seen = set()  # pictures of which something came
+        self._lit = {}  # of the last texture frames, by index
+        self._early = []  # pieces that came before what tells of their frame
         self._trusted = False  # the last check that could be made was right
         self._placed = 0
-        self._seen = False  # some texture came
         self._files = ExitStack()
         self._points, self._frames, self._cloud = (
             self._files.enter_context((folder / name).open("w+", newline="\n"))
@@ -131,21 +148,28 @@ class Recorder:
         if isinstance(event, Frame):
             self._frame(event)
         elif isinstance(event, TextureFrame):
+            self._lit[event.index] = event.laser
+            if len(self._lit) > _REMEMBERED:
+                del self._lit[min(self._lit)]
+            early, self._early = self._early, []
+            for piece in early:
+                self._piece(piece, self._lit.get(piece.index, event.laser))
             self._row(event, "texture", [str(event.skipped) if name == "skipped" else ""
                                          for name in _COUNTED], "", "")
         elif isinstance(event, TexturePiece):
-            self._seen = True
-            if self.texture.add(event):
-                (self.folder / "texture").mkdir(exist_ok=True)
-                self._picture(self.folder / "texture" / f"{event.index:04}.png")
-                self.textures += 1
+            if event.index in self._lit:
+                self._piece(event, self._lit[event.index])
+            else:
+                self._early.append(event)
         elif isinstance(event, Reply):
             self._reply(event)
 
     def finish(self):
         """Complete all files."""
-        if self._seen:
-            self._picture(self.folder / "texture.png")
+        for piece in self._early:
+            self._piece(piece, "pattern" in self.seen and "texture" not in self.seen)
+        for kind in self.seen:
+            self._picture(kind, self.folder / f"{kind}.png")
         with open(self.folder / "points.ply", "w", newline="\n") as file:
             file.write(ply_header(self._placed, "frames from the link"))
             self._cloud.seek(0)
@@ -159,9 +183,18 @@ class Recorder:
     def __exit__(self, *details):
         self._files.close()
 
-    def _picture(self, path):
+    def _piece(self, piece, lit):
+        kind = "pattern" if lit else "texture"
+        self.seen.add(kind)
+        if self.pictures[kind].add(piece):
+            (self.folder / kind).mkdir(exist_ok=True)
+            self._picture(kind, self.folder / kind / f"{piece.index:04}.png")
+            self.whole[kind] += 1
+
+    def _picture(self, kind, path):
         import cv2
-        done, data = cv2.imencode(".png", self.texture.image, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+        done, data = cv2.imencode(
+            ".png", self.pictures[kind].image, [cv2.IMWRITE_PNG_COMPRESSION, 3])
         assert done
         path.write_bytes(data.tobytes())
 
@@ -208,7 +241,8 @@ class Recorder:
         if not self._trusted:
             reported["status"][reported["status"] == 0] = _UNVERIFIED
         if self.calibration is not None:
-            return locate(reported, frame.index, self.calibration, self.texture.image)
+            return locate(
+                reported, frame.index, self.calibration, self.pictures["texture"].image)
         points = np.zeros(len(reported), POINT)
         points["frame"] = frame.index
         for name in ("status", "area"):
@@ -226,5 +260,7 @@ class Recorder:
         self.identity = parse_identity(reply.data)
         if self.calibration is not None:
             check_chip(self.identity, self.calibration)
-        elif self.texture.size is None:
-            self.texture.resize((self.identity["width"], self.identity["height"]))
+            return
+        for picture in self.pictures.values():
+            if picture.size is None:
+                picture.resize((self.identity["width"], self.identity["height"]))

@@ -33,6 +33,8 @@ class Sequencer(wiring.Component):
     whole; then dark pairs take their usual course. The tag tells what was lit, not what was asked
     for.
 
+    A pattern frame that is to be sent as a picture, and not measured, is tagged as texture.
+
     The mode and all times may change whenever they like. They are taken over for a frame in the
     clock after its ``frame_start``, so that what changes with that pulse still counts. ``STOP``
     ends the schedule there, also between a pattern and its texture, and while it waits for a pair.
@@ -54,6 +56,8 @@ class Sequencer(wiring.Component):
         See :class:`hdl.protocol.Mode`.
     again : :py:`In(1)`
         Another pair in mode ``SINGLE``, which takes one by itself whenever the mode changes to it.
+    pictures : :py:`In(1)`
+        In mode ``PATTERN``: frames are to be sent as pictures.
     period_us : :py:`In(16)`
         From pattern to pattern. For this and all other times, 0 means 1.
     pattern_reset_us, pattern_us, texture_reset_us, texture_us : :py:`In(16)`
@@ -112,6 +116,7 @@ class Sequencer(wiring.Component):
         super().__init__({
             "mode": In(2),
             "again": In(1),
+            "pictures": In(1),
             **{name: In(16) for name in _TIMES},
             "frame_begun": In(1),
             "frame_ended": In(1),
@@ -162,6 +167,7 @@ class Sequencer(wiring.Component):
         texture = Signal()
         taken = Signal(2)  # mode
         dark = Signal()  # this pattern is for the heartbeat alone
+        picture = Signal()  # it is not to be measured
         wish = Signal(init=1)  # mode SINGLE has still to take its pair
         warming, stopped = Signal(), Signal()
         m.d.comb += [
@@ -193,7 +199,9 @@ class Sequencer(wiring.Component):
                 m.d.comb += [self.frame_start.eq(1), self.pattern_start.eq(~texture)]
                 m.next = "TAKE"
             with m.State("TAKE"):
-                m.d.sync += [taken.eq(self.mode), dark.eq(warming)]
+                m.d.sync += [
+                    taken.eq(self.mode), dark.eq(warming),
+                    picture.eq(self.pictures & (self.mode == Mode.PATTERN))]
                 with m.If(stopped):
                     m.next = "IDLE"
                 with m.Elif(texture & (self.mode == Mode.PATTERN)):
@@ -254,7 +262,7 @@ class Sequencer(wiring.Component):
             m.d.sync += [lit.eq(lit | self.lit), capture.eq(capture | self.capture)]
         with m.If(exposure.integrated):
             m.d.sync += [
-                self.tag.texture.eq(texture),
+                self.tag.texture.eq(texture | picture),
                 self.tag.laser.eq(lit | self.lit),
                 self.tag.capture.eq(capture),
                 self.tag.exposure_us.eq(exposure.taken_us),

@@ -24,6 +24,7 @@ class Registers:
     pattern_us: int = 500
     texture_reset_us: int = 100
     texture_us: int = 10_000
+    pictures: int = 0
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ class Frame:
     start: int  # clock of `frame_start`
     pins: dict = field(default_factory=dict)  # see `exposure`
     asked: bool = False  # for the laser
+    picture: bool = False  # tagged as texture
     exposure_us: int = 0
     timestamp_us: int = 0
     outcome: str = ""  # whole, broken or missing
@@ -178,6 +180,7 @@ class Schedule:
         frame.asked = not texture and bool(self.armed(take))
         times = (values.texture_reset_us, values.texture_us) if texture else (
             values.pattern_reset_us, values.pattern_us)
+        frame.picture = bool(texture or values.pictures and values.mode == PATTERN)
         frame.exposure_us = max(1, times[1])
         frame.pins = exposure(self.clock_hz, *times, frame.asked, take)
         frame.timestamp_us = frame.pins["sensor_integrate"][0] // self.clocks

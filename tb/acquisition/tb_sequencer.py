@@ -179,7 +179,7 @@ class SequencerBench(Bench):
                 if name in edges:
                     edges[name] += times
             lit = bool(self.lit and self.lit(number))
-            tag = (frame.texture | lit << 1 | (number % 3 == 1) << 2 | frame.exposure_us << 3
+            tag = (frame.picture | lit << 1 | (number % 3 == 1) << 2 | frame.exposure_us << 3
                    | (frame.timestamp_us & 0xFFFFFF) << 19)
             edges["tag"].append((frame.pins["integrated"] + 1, tag))
             missing, known = int(frame.outcome == "missing"), frame.over + 1
@@ -232,7 +232,7 @@ def random_registers(rng, clocks, until):
         clock += int(rng.integers(1, 600 * clocks))
         mode = int(rng.choice([STOP, CONTINUOUS, CONTINUOUS, SINGLE, SINGLE, PATTERN]))
         changes.append((clock, Registers(mode, int(rng.integers(0, 200)), *(
-            int(value) for value in rng.integers(0, (6, 20, 6, 40))))))
+            int(value) for value in rng.integers(0, (6, 20, 6, 40))), int(rng.integers(2)))))
     return changes
 
 

@@ -1,6 +1,8 @@
 """The whole instrument: imager, laser and host around the RTL, natively."""
 
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from hdl.config import Config
 from hdl.protocol import GUARD_CAUSES, Mode, Reason
 from model.capsule import Capsule as Model
 from scripts.commands import RefusedError
+from scripts.recorder import Recorder, Texture
 from tb.system.stimuli import any_settings, random_frame, spot_frame
 from tb.system.whole import Whole
 
@@ -161,6 +164,33 @@ def test_no_tables_no_light():
     assert len(lit) == pulses and all(frame.capture and not frame.tables_valid for frame in lit)
     assert not bench.frames[-1].laser and not bench.frames[-1].capture
     bench.assert_link_is_clean()
+
+
+def test_pictures_for_a_calibration():
+    """Without any table: what the imager sees of the mesh, pixel for pixel, by day and by night."""
+    rng = np.random.default_rng(12)
+    seen, texture = (rng.integers(0, 256, (64, 64)).astype(np.uint8) for _ in range(2))
+    dark = np.full((64, 64), 7, np.uint8)
+    bench = Whole(SMALL, small(12), [seen], texture, load=False, pictures=1, mode=Mode.PATTERN)
+    bench.light = lambda image, lit_us: image if lit_us else dark
+    bench.run(2 * PERIOD_US)
+    bench.commands.capture(1000)
+    bench.run(6 * PERIOD_US)
+    bench.commands.write("mode", Mode.CONTINUOUS)
+    bench.run(6 * PERIOD_US)
+    bench.assert_link_is_clean()
+    lit = [frame for frame in bench.textures if frame.laser]
+    assert bench.assert_light_is_safe() >= len(lit) >= 5
+    assert all(frame.capture and frame.exposure_us == 500 for frame in lit)
+    # No points while pictures were sent; both again afterwards.
+    assert min(frame.index for frame in bench.frames) > max(frame.index for frame in lit)
+    with TemporaryDirectory() as folder, Recorder(Path(folder)) as recorder:
+        recorder.pictures = {kind: Texture((64, 64)) for kind in recorder.pictures}
+        for event in bench.events:
+            recorder.take(event)
+        assert recorder.whole["pattern"] >= 1 and recorder.whole["texture"] >= 1
+        assert np.array_equal(recorder.pictures["pattern"].image, seen)
+        assert set(map(int, np.unique(recorder.pictures["texture"].image ^ texture))) == {0}
 
 
 def test_tables_change_between_frames():

@@ -69,6 +69,8 @@ class Whole:
         self.line = Line(self.instrument, step_us=100)
         self.commands = Commands(self.line, timeout=120)
         self.decoder = Decoder(Rebuilder(settings, config.width, config.height))
+        #: What is seen of an image that was lit for so many microseconds.
+        self.light = lambda image, lit_us: image
         self.events = []
         self._decoded = 0
         self._patterns = 0
@@ -97,7 +99,7 @@ class Whole:
         if integrated_us > 3000:
             self.shown.append((None, integrated_us, lit_us))
             return self.texture
-        image = self.images[self._patterns % len(self.images)]
+        image = self.light(self.images[self._patterns % len(self.images)], lit_us)
         self._patterns += 1
         self.shown.append((image, integrated_us, lit_us))
         return image

@@ -1,7 +1,6 @@
 """The whole capsule: camera pins in, serial pin out."""
 
 from amaranth.hdl import (
-    C,
     Cat,
     ClockDomain,
     ClockSignal,
@@ -10,7 +9,6 @@ from amaranth.hdl import (
     ResetSignal,
     Shape,
     Signal,
-    signed,
 )
 from amaranth.lib import stream, wiring
 from amaranth.lib.fifo import SyncFIFO
@@ -19,61 +17,23 @@ from amaranth.lib.wiring import In, Out, connect
 from .acquisition.camera import Camera
 from .acquisition.frame_gate import FrameGate
 from .common.point_fifo import PointFIFO
-from .common.stage import Stage
-from .common.table_memory import TableMemory
-from .config import Config
+from .config import FRAMES_IN_FLIGHT, check_config
 from .link.points import Points
 from .link.quota import Quota
 from .link.transmitter import Transmitter
-from .payloads import COORDINATE_BITS, FrameInfo, FrameTag, PacketOctet, Spot, Undistorted
+from .payloads import FrameInfo, FrameTag, PacketOctet
+from .ports import REGISTERS, TABLE_PORT, hand_on
 from .preprocessing.binarise import Binarise
-from .preprocessing.centre import Centring
 from .preprocessing.erosion import Erosion
 from .preprocessing.histogram import Histogram
 from .preprocessing.labelling import Labelling
-from .preprocessing.spot_queue import SpotQueue
 from .preprocessing.threshold import Threshold
-from .protocol import TABLES
-from .stereo.depth import Depth
-from .stereo.epipolar import Epipolar
-from .stereo.undistort import Undistort
+from .reconstruction import Reconstruction
 
-__all__ = ["Capsule", "REGISTERS", "TABLE_PORT"]
+__all__ = ["Capsule"]
 
-#: Frames whose points may still be on their way when the next one starts.
-_FRAMES_IN_FLIGHT = 4
 #: Clocks that the spot side goes on after the last sign of work: no block hides any for longer.
 _LINGER = 127
-
-#: Registers that measuring needs, by their names in :mod:`hdl.protocol`.
-REGISTERS = {
-    "threshold_fixed": 1,
-    "threshold_level": 8,
-    "alpha": 8,
-    "erosion_mode": 2,
-    "weighted": 1,
-    "area_min": 8,
-    "area_max": 8,
-    "report_rejected": 1,
-    "principal_u": COORDINATE_BITS,
-    "principal_v": COORDINATE_BITS,
-    "tangential_1": signed(18),
-    "tangential_2": signed(18),
-    "divisor": 16,
-    "full_records": 1,
-    "texture_enable": 1,
-    "points_max": 8,
-}
-#: How the host reaches the tables.
-TABLE_PORT = {
-    "bank": In(1),
-    "table_write": In(1),
-    "table_read": In(1),
-    "table_select": In(2),
-    "table_address": In(10),
-    "table_data": In(72),
-    "table_word": Out(72),
-}
 _PIXEL_SIDE = ("erosion_mode", "weighted")
 _LINK_SIDE = ("divisor", "texture_enable")
 
@@ -140,8 +100,7 @@ class Capsule(wiring.Component):
     """
 
     def __init__(self, config, gated=False):
-        if not isinstance(config, Config):
-            raise TypeError(f"The configuration must be a Config, not {config!r}")
+        check_config(config)
         self.config = config
         self.gated = gated
         super().__init__({
@@ -165,7 +124,7 @@ class Capsule(wiring.Component):
             "skipped": Out(8),
             "packets": Out(16),
             "sending": Out(1),
-            **{name: In(shape) for name, shape in REGISTERS.items()},
+            **REGISTERS,
             **TABLE_PORT,
         })
 
@@ -180,8 +139,8 @@ class Capsule(wiring.Component):
             m.d.comb += [
                 ClockSignal("spot").eq(ClockSignal()), ResetSignal("spot").eq(ResetSignal())]
         register = {}
-        for name, shape in REGISTERS.items():
-            register[name] = Signal(shape, name=name)
+        for name, member in REGISTERS.items():
+            register[name] = Signal(member.shape, name=name)
             domain = "sync" if name in _PIXEL_SIDE + _LINK_SIDE else "spot"
             m.d[domain] += register[name].eq(getattr(self, name))
 
@@ -189,7 +148,7 @@ class Capsule(wiring.Component):
         m.submodules.camera = camera = Camera(**size)
         m.submodules.frame_gate = gate = FrameGate()
         m.submodules.frame_info = frame_info = spot_side(SyncFIFO(
-            width=Shape.cast(FrameInfo).width, depth=_FRAMES_IN_FLIGHT))
+            width=Shape.cast(FrameInfo).width, depth=FRAMES_IN_FLIGHT))
         m.d.comb += [
             camera.frame_valid.eq(self.frame_valid),
             camera.line_valid.eq(self.line_valid),
@@ -204,9 +163,6 @@ class Capsule(wiring.Component):
         m.submodules.binarise = binarise = Binarise(8)
         m.submodules.erosion = erosion = Erosion(config.width)
         m.submodules.labelling = labelling = Labelling(**size)
-        m.submodules.spot_stage = spot_stage = spot_side(Stage(Spot))
-        m.submodules.spot_queue = spot_queue = spot_side(SpotQueue(config.spot_depth))
-        m.submodules.centre = centre = spot_side(Centring())
         connect(m, gate.o, binarise.i)
         m.d.comb += [
             histogram.i.valid.eq(gate.o.valid & gate.o.ready),
@@ -214,9 +170,6 @@ class Capsule(wiring.Component):
         ]
         connect(m, binarise.o, erosion.i)
         connect(m, erosion.o, labelling.i)
-        connect(m, labelling.o, spot_stage.i)
-        connect(m, spot_stage.o, spot_queue.i)
-        connect(m, spot_queue.o, centre.i)
         m.d.comb += [
             threshold.closed.eq(histogram.closed),
             threshold.done.eq(histogram.done),
@@ -235,67 +188,22 @@ class Capsule(wiring.Component):
             binarise.enable.eq(threshold.learnt),
             erosion.mode.eq(register["erosion_mode"]),
             labelling.weighted.eq(register["weighted"]),
-            spot_queue.area_min.eq(register["area_min"]),
-            spot_queue.area_max.eq(register["area_max"]),
-            spot_queue.report_rejected.eq(register["report_rejected"]),
         ]
 
-        # Stereo.
-        m.submodules.undistort = undistort = spot_side(Undistort(**size))
-        m.submodules.match_stage = match_stage = spot_side(Stage(Undistorted))
-        m.submodules.epipolar = epipolar = spot_side(Epipolar(config.beams, config.lanes))
-        m.submodules.depth = depth = spot_side(Depth())
-        m.submodules.quota = quota = spot_side(Quota(_FRAMES_IN_FLIGHT))
+        # Spots to points.
+        m.submodules.reconstruction = reconstruction = spot_side(Reconstruction(config))
+        m.submodules.quota = quota = spot_side(Quota(FRAMES_IN_FLIGHT))
         m.submodules.point_fifo = point_fifo = spot_side(PointFIFO())
-        connect(m, centre.o, undistort.i)
-        connect(m, undistort.o, match_stage.i)
-        connect(m, match_stage.o, epipolar.i)
-        connect(m, epipolar.o, depth.i)
-        connect(m, depth.o, quota.i)
-        connect(m, spot_queue.counts, quota.counts_i)
+        connect(m, labelling.o, reconstruction.i)
+        connect(m, reconstruction.o, quota.i)
+        connect(m, reconstruction.counts, quota.counts_i)
         connect(m, quota.o, point_fifo.i)
+        hand_on(m, TABLE_PORT, self, reconstruction)
         m.d.comb += [
-            undistort.principal_u.eq(register["principal_u"]),
-            undistort.principal_v.eq(register["principal_v"]),
-            undistort.tangential_1.eq(register["tangential_1"]),
-            undistort.tangential_2.eq(register["tangential_2"]),
+            *(getattr(reconstruction, name).eq(register[name])
+              for name in reconstruction.registers),
             quota.limit.eq(register["points_max"]),
         ]
-
-        # Tables. Depth and reciprocals share a memory, each block with a port of its own.
-        m.submodules.shared_table = shared_table = spot_side(TableMemory(config.beams))
-        chosen = {table.name: Signal(name=f"is_{table.name}") for table in TABLES}
-        m.d.comb += [chosen[table.name].eq(self.table_select == table.number) for table in TABLES]
-        shared = chosen["depth"] | chosen["reciprocal"]
-        m.d.comb += [
-            *(block.bank.eq(self.bank) for block in (shared_table, undistort, epipolar)),
-            *(block.write_bank.eq(~self.bank) for block in (shared_table, undistort, epipolar)),
-            shared_table.a_address.eq(depth.table_address),
-            depth.table_data.eq(shared_table.a_data),
-            shared_table.b_address.eq(Cat(centre.table_address, C(1, 1))),
-            centre.table_data.eq(shared_table.b_data),
-            shared_table.write_enable.eq(self.table_write & shared),
-            shared_table.read_enable.eq(self.table_read & shared),
-            shared_table.write_address.eq(Cat(self.table_address[:8], chosen["reciprocal"])),
-            shared_table.write_data.eq(self.table_data),
-            undistort.radial_write_enable.eq(self.table_write & chosen["radial"]),
-            undistort.radial_write_address.eq(self.table_address),
-            undistort.radial_write_data.eq(self.table_data),
-            epipolar.write_enable.eq(self.table_write & chosen["beams"]),
-            epipolar.read_enable.eq(self.table_read & chosen["beams"]),
-            epipolar.write_address.eq(self.table_address),
-            epipolar.write_line.eq(self.table_data[:36]),
-            epipolar.write_window.eq(self.table_data[36:]),
-        ]
-        read = Signal()
-        m.d.spot += read.eq(self.table_read)
-        with m.If(read):
-            with m.If(chosen["radial"]):
-                m.d.spot += self.table_word.eq(undistort.radial_read_data)
-            with m.Elif(chosen["beams"]):
-                m.d.spot += self.table_word.eq(Cat(epipolar.read_line, epipolar.read_window))
-            with m.Else():
-                m.d.spot += self.table_word.eq(shared_table.a_data)
 
         # Link. Octets cross to the side whose clock never stops.
         m.submodules.points = points = spot_side(Points())
@@ -322,24 +230,21 @@ class Capsule(wiring.Component):
 
         # The spot side works while anything moves between its blocks, and a little longer. Spots
         # are under way from a pattern frame's first pixel until none has moved for as long.
-        learning, spots_move, moves = Signal(), Signal(), Signal()
+        learning, moves = Signal(), Signal()
         linger = Signal(range(_LINGER + 1), init=_LINGER)
         quiet = Signal(range(_LINGER + 1))
         pattern = Signal()
         with m.If(histogram.closed | histogram.done | histogram.lost):
             m.d.sync += learning.eq(histogram.closed)
         m.d.comb += [
-            spots_move.eq(Cat(
-                labelling.o.valid, spot_stage.o.valid, spot_queue.o.valid, centre.o.valid,
-                undistort.o.valid, match_stage.o.valid, epipolar.o.valid, depth.o.valid).any()),
             moves.eq(Cat(
-                spots_move, self.wake, self.table_write, self.table_read, gate.info.valid,
+                reconstruction.moves, self.wake, self.table_write, self.table_read, gate.info.valid,
                 histogram.closed, learning, histogram.done, histogram.lost, point_fifo.i.valid,
                 point_fifo.o.valid & ~points.o.valid, points.o.valid & points.o.ready).any()),
             self.busy.eq(moves | linger.any()),
-            self.idle.eq(~pattern & ~spots_move & (quiet == 0)),
+            self.idle.eq(~pattern & ~reconstruction.moves & (quiet == 0)),
         ]
-        for left, restart in ((linger, moves), (quiet, spots_move | pattern)):
+        for left, restart in ((linger, moves), (quiet, reconstruction.moves | pattern)):
             with m.If(restart):
                 m.d.sync += left.eq(_LINGER)
             with m.Elif(left.any()):

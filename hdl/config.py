@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 
-__all__ = ["Config", "PRESETS", "PRESET_NAMES"]
+__all__ = ["Config", "FRAMES_IN_FLIGHT", "PRESETS", "PRESET_NAMES", "check_config"]
 
 #: The two designs, in the order of their codes in the reply to IDENTIFY.
 PRESET_NAMES = ("capsule", "paper")
+#: Frames whose points may still be on their way when the next one starts.
+FRAMES_IN_FLIGHT = 4
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,12 @@ class Config:
                     f"{name} must be an integer from {low} to {high}, not {value!r}")
         if self.clock_hz % 1_000_000:
             raise ValueError(f"clock_hz must be a multiple of 1 MHz, not {self.clock_hz}")
+
+
+def check_config(config):
+    """Refuse what is no :class:`Config`."""
+    if not isinstance(config, Config):
+        raise TypeError(f"The configuration must be a Config, not {config!r}")
 
 
 PRESETS = {"capsule": Config(), "paper": Config(preset="paper", lanes=49)}

@@ -3,16 +3,17 @@
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
-from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.lib.wiring import In, Out, connect
 
 from .acquisition.laser_guard import LaserGuard
 from .acquisition.sequencer import Sequencer
-from .capsule import REGISTERS, TABLE_PORT, Capsule
-from .config import Config
+from .capsule import Capsule
+from .config import check_config
 from .link.commands import Commands
 from .link.receiver import Receiver
 from .link.uart_rx import UARTReceiver
 from .paper import BOARD, Paper
+from .ports import REGISTERS, TABLE_PORT, hand_on
 
 __all__ = ["Instrument"]
 
@@ -52,8 +53,7 @@ class Instrument(wiring.Component):
     """
 
     def __init__(self, config, gated=False):
-        if not isinstance(config, Config):
-            raise TypeError(f"The configuration must be a Config, not {config!r}")
+        check_config(config)
         self.config = config
         self.gated = gated
         super().__init__({
@@ -124,21 +124,12 @@ class Instrument(wiring.Component):
         # Pixels to points, and everything to the reader.
         paper = config.preset == "paper"
         m.submodules.measure = measure = (Paper if paper else Capsule)(config, self.gated)
-        for name, member in BOARD.items() if paper else ():
-            mine, its = getattr(self, name), getattr(measure, name)
-            if member.is_signature:
-                connect(m, flipped(mine), its)
-            else:
-                m.d.comb += mine.eq(its)
+        hand_on(m, BOARD if paper else {}, self, measure)
+        hand_on(m, {**REGISTERS, **TABLE_PORT}, commands, measure)
         if paper:
             connect(m, commands.memory, measure.memory)
             connect(m, measure.memory_word, commands.memory_word)
         connect(m, commands.o, measure.reply)
-        for name in REGISTERS:
-            m.d.comb += getattr(measure, name).eq(getattr(commands, name))
-        for name, member in TABLE_PORT.items():
-            mine, its = getattr(commands, name), getattr(measure, name)
-            m.d.comb += its.eq(mine) if member.flow == In else mine.eq(its)
         m.d.comb += [
             measure.frame_valid.eq(self.frame_valid),
             measure.line_valid.eq(self.line_valid),

@@ -7,22 +7,19 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from .acquisition.camera import Camera
 from .acquisition.frame_gate import FrameGate
 from .acquisition.sram_frames import SRAMFrames
-from .capsule import REGISTERS, TABLE_PORT
 from .common.point_fifo import PointFIFO
 from .common.sram import SRAMPins, SRAMPort
-from .config import Config
+from .config import FRAMES_IN_FLIGHT, check_config
 from .display.vga import VGA
 from .link.points import Points
 from .link.quota import Quota
 from .link.transmitter import Transmitter
 from .paper_points import FREE_BASE, PaperPoints
-from .paper_points import REGISTERS as POINTS_REGISTERS
 from .payloads import FrameTag, MemoryCommand, PacketOctet, Status
+from .ports import REGISTERS, TABLE_PORT, hand_on
 
 __all__ = ["BOARD", "Paper"]
 
-#: Frames whose points may still be on their way when the next one starts.
-_FRAMES_IN_FLIGHT = 4
 #: Clocks that the spot side goes on after the last sign of work: no block hides any for longer.
 _LINGER = 127
 _SCREEN = ("hsync", "vsync", "visible", "red", "green", "blue")
@@ -88,8 +85,7 @@ class Paper(wiring.Component):
     """
 
     def __init__(self, config, gated=False):
-        if not isinstance(config, Config):
-            raise TypeError(f"The configuration must be a Config, not {config!r}")
+        check_config(config)
         self.config = config
         self.gated = gated
         super().__init__({
@@ -113,7 +109,7 @@ class Paper(wiring.Component):
             "skipped": Out(8),
             "packets": Out(16),
             "sending": Out(1),
-            **{name: In(shape) for name, shape in REGISTERS.items()},
+            **REGISTERS,
             **TABLE_PORT,
             "memory": In(stream.Signature(MemoryCommand)),
             "memory_word": Out(stream.Signature(32, always_ready=True)),
@@ -149,18 +145,16 @@ class Paper(wiring.Component):
         ]
 
         # Spots to points; registers and tables.
-        m.submodules.quota = quota = spot_side(Quota(_FRAMES_IN_FLIGHT))
+        m.submodules.quota = quota = spot_side(Quota(FRAMES_IN_FLIGHT))
         m.submodules.point_fifo = point_fifo = spot_side(PointFIFO())
         m.submodules.points = points = spot_side(Points())
         register = {}
-        for name in (*POINTS_REGISTERS, "points_max", "full_records"):
-            register[name] = Signal(REGISTERS[name], name=name)
+        for name in (*measure.registers, "points_max", "full_records"):
+            register[name] = Signal(REGISTERS[name].shape, name=name)
             m.d.sync += register[name].eq(getattr(self, name))
-        for name in POINTS_REGISTERS:
+        for name in measure.registers:
             m.d.comb += getattr(measure, name).eq(register[name])
-        for name, member in TABLE_PORT.items():
-            mine, its = getattr(self, name), getattr(measure, name)
-            m.d.comb += its.eq(mine) if member.flow == In else mine.eq(its)
+        hand_on(m, TABLE_PORT, self, measure)
         connect(m, measure.o, quota.i)
         connect(m, measure.counts, quota.counts_i)
         connect(m, quota.o, point_fifo.i)

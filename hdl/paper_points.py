@@ -1,39 +1,23 @@
 """Pattern frames to points, as the paper has it: stored, learnt from, and read again."""
 
-from amaranth.hdl import C, Cat, DomainRenamer, Module, Mux, Shape, Signal, signed
+from amaranth.hdl import DomainRenamer, Module, Mux, Shape, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.fifo import SyncFIFO
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .acquisition.image_bank import ImageBank
-from .common.stage import Stage
-from .common.table_memory import TableMemory
-from .config import Config
-from .payloads import (
-    COORDINATE_BITS,
-    Counts,
-    FrameInfo,
-    GreyPixel,
-    MemoryCommand,
-    Point,
-    Spot,
-    StoredFrame,
-    Undistorted,
-)
+from .config import FRAMES_IN_FLIGHT, check_config
+from .payloads import Counts, FrameInfo, GreyPixel, MemoryCommand, Point, StoredFrame
+from .ports import REGISTERS, TABLE_PORT, hand_on
 from .preprocessing.binarise import Binarise
-from .preprocessing.centre import Centring
 from .preprocessing.erosion import Erosion
 from .preprocessing.histogram import Histogram
 from .preprocessing.remap import Remap
-from .preprocessing.spot_queue import SpotQueue
 from .preprocessing.threshold import Threshold
 from .preprocessing.two_pass_labelling import TwoPassLabelling
-from .protocol import TABLES
-from .stereo.depth import Depth
-from .stereo.epipolar import Epipolar
-from .stereo.undistort import Undistort
+from .reconstruction import Reconstruction
 
-__all__ = ["FREE_BASE", "LABEL_BASE", "REGISTERS", "REMAP_BASE", "PaperPoints"]
+__all__ = ["FREE_BASE", "LABEL_BASE", "REMAP_BASE", "PaperPoints"]
 
 #: First words in the external memory of the table of places and of the image of labels, both with
 #: two pixels to a word, and of what is free.
@@ -41,22 +25,6 @@ REMAP_BASE, LABEL_BASE, FREE_BASE = 0, 1 << 17, 1 << 18
 #: Clocks from spot to spot: as many as the slowest takes to become a point, so that the burst in
 #: which labelling reports a frame does not flood the queue.
 _SPOT_CLOCKS = 22
-#: Frames whose points may still be on their way when the next one starts.
-_FRAMES_IN_FLIGHT = 4
-#: Registers that are heard, by their names in :mod:`hdl.protocol`.
-REGISTERS = {
-    "threshold_fixed": 1,
-    "threshold_level": 8,
-    "alpha": 8,
-    "erosion_mode": 2,
-    "area_min": 8,
-    "area_max": 8,
-    "report_rejected": 1,
-    "principal_u": COORDINATE_BITS,
-    "principal_v": COORDINATE_BITS,
-    "tangential_1": signed(18),
-    "tangential_2": signed(18),
-}
 
 
 class PaperPoints(wiring.Component):
@@ -115,12 +83,22 @@ class PaperPoints(wiring.Component):
     bank, table_write, table_read, table_select, table_address, table_data, table_word
         As those of :class:`hdl.capsule.Capsule`.
     REGISTERS
-        May change while ``idle``. See ``hdl/protocol.py``.
+        Those of ``registers``. May change while ``idle``. See ``hdl/protocol.py``.
+
+    Attributes
+    ----------
+    registers : :class:`dict`
+        Members for the registers that are heard.
     """
 
+    registers = {
+        **{name: REGISTERS[name] for name in (
+            "threshold_fixed", "threshold_level", "alpha", "erosion_mode")},
+        **Reconstruction.registers,
+    }
+
     def __init__(self, config):
-        if not isinstance(config, Config):
-            raise TypeError(f"The configuration must be a Config, not {config!r}")
+        check_config(config)
         self.config = config
         super().__init__({
             "i": In(stream.Signature(GreyPixel, always_ready=True)),
@@ -135,14 +113,8 @@ class PaperPoints(wiring.Component):
             "moves": Out(1),
             "command": Out(stream.Signature(MemoryCommand)).array(2),
             "answer": In(stream.Signature(32, always_ready=True)).array(2),
-            **{name: In(shape) for name, shape in REGISTERS.items()},
-            "bank": In(1),
-            "table_write": In(1),
-            "table_read": In(1),
-            "table_select": In(2),
-            "table_address": In(10),
-            "table_data": In(72),
-            "table_word": Out(72),
+            **self.registers,
+            **TABLE_PORT,
         })
 
     def elaborate(self, platform):
@@ -156,7 +128,7 @@ class PaperPoints(wiring.Component):
         m.submodules.histogram = histogram = Histogram(**size, whole=True)
         m.submodules.threshold = threshold = Threshold(**size, whole=True)
         m.submodules.frame_info = frame_info = spot_side(SyncFIFO(
-            width=Shape.cast(FrameInfo).width, depth=_FRAMES_IN_FLIGHT))
+            width=Shape.cast(FrameInfo).width, depth=FRAMES_IN_FLIGHT))
         connect(m, flipped(self.i), bank.i)
         m.d.comb += [
             histogram.i.valid.eq(self.i.valid),
@@ -174,7 +146,7 @@ class PaperPoints(wiring.Component):
 
         # A frame is announced when its level is known, or when it has turned out to be broken.
         # Only then it is read again.
-        under_way = Signal(range(_FRAMES_IN_FLIGHT + 1))
+        under_way = Signal(range(FRAMES_IN_FLIGHT + 1))
         waiting, learnt = Signal(), Signal()
         known_of_it = Signal(FrameInfo)
         announced = Signal(FrameInfo)
@@ -182,7 +154,7 @@ class PaperPoints(wiring.Component):
         announces = Signal()
         m.d.comb += [
             self.info.ready.eq(bank.free & histogram.clean & frame_info.w_rdy
-                               & (under_way < _FRAMES_IN_FLIGHT)),
+                               & (under_way < FRAMES_IN_FLIGHT)),
             announces.eq(waiting & bank.stored.valid & (bank.stored.p | learnt)),
             announced.eq(known_of_it),
             announced.level.eq(threshold.level),
@@ -226,9 +198,7 @@ class PaperPoints(wiring.Component):
         m.submodules.erosion = erosion = Erosion(config.width)
         m.submodules.labelling = labelling = TwoPassLabelling(
             **size, labels=config.labels, base=LABEL_BASE, interval=_SPOT_CLOCKS)
-        m.submodules.spot_stage = spot_stage = spot_side(Stage(Spot))
-        m.submodules.spot_queue = spot_queue = spot_side(SpotQueue(config.spot_depth))
-        m.submodules.centre = centre = spot_side(Centring())
+        m.submodules.reconstruction = reconstruction = spot_side(Reconstruction(config))
         inside, kept_level = Signal(), Signal(8)
         with m.If(remap.o.valid & remap.o.ready):
             m.d.sync += inside.eq(~remap.o.p.mark.frame_end)
@@ -237,101 +207,43 @@ class PaperPoints(wiring.Component):
         connect(m, remap.o, binarise.i)
         connect(m, binarise.o, erosion.i)
         connect(m, erosion.o, labelling.i)
-        connect(m, labelling.o, spot_stage.i)
-        connect(m, spot_stage.o, spot_queue.i)
-        connect(m, spot_queue.o, centre.i)
+        connect(m, labelling.o, reconstruction.i)
+        connect(m, reconstruction.o, flipped(self.o))
         connect(m, labelling.command, flipped(self.command[0]))
         connect(m, flipped(self.answer[0]), labelling.answer)
         m.d.comb += [
             binarise.level.eq(Mux(inside, kept_level, level)),
             binarise.enable.eq(1),
             erosion.mode.eq(self.erosion_mode),
-            spot_queue.area_min.eq(self.area_min),
-            spot_queue.area_max.eq(self.area_max),
-            spot_queue.report_rejected.eq(self.report_rejected),
         ]
+        hand_on(m, {**reconstruction.registers, **TABLE_PORT}, self, reconstruction)
 
         # Components that labelling had no labels for are counted with the others.
         m.submodules.unlabelled = unlabelled = spot_side(SyncFIFO(
-            width=16, depth=_FRAMES_IN_FLIGHT))
+            width=16, depth=FRAMES_IN_FLIGHT))
         m.d.comb += [
-            unlabelled.w_en.eq(spot_stage.o.valid & spot_stage.o.p.end),
+            unlabelled.w_en.eq(labelling.o.valid & labelling.o.ready & labelling.o.p.end),
             unlabelled.w_data.eq(labelling.dropped),
             unlabelled.r_en.eq(self.counts.valid & self.counts.ready),
-            self.counts.valid.eq(spot_queue.counts.valid),
-            self.counts.payload.eq(spot_queue.counts.payload),
-            spot_queue.counts.ready.eq(self.counts.ready),
+            self.counts.valid.eq(reconstruction.counts.valid),
+            self.counts.payload.eq(reconstruction.counts.payload),
+            reconstruction.counts.ready.eq(self.counts.ready),
         ]
         for name in ("spots", "dropped"):
             total = Signal(17, name=f"total_{name}")
             m.d.comb += [
-                total.eq(spot_queue.counts.p[name] + unlabelled.r_data),
+                total.eq(reconstruction.counts.p[name] + unlabelled.r_data),
                 self.counts.p[name].eq(total[:16] | total[16].replicate(16)),
             ]
 
-        # Stereo.
-        m.submodules.undistort = undistort = spot_side(Undistort(**size))
-        m.submodules.match_stage = match_stage = spot_side(Stage(Undistorted))
-        m.submodules.epipolar = epipolar = spot_side(Epipolar(config.beams, config.lanes))
-        m.submodules.depth = depth = spot_side(Depth())
-        connect(m, centre.o, undistort.i)
-        connect(m, undistort.o, match_stage.i)
-        connect(m, match_stage.o, epipolar.i)
-        connect(m, epipolar.o, depth.i)
-        connect(m, depth.o, flipped(self.o))
-        m.d.comb += [
-            undistort.principal_u.eq(self.principal_u),
-            undistort.principal_v.eq(self.principal_v),
-            undistort.tangential_1.eq(self.tangential_1),
-            undistort.tangential_2.eq(self.tangential_2),
-        ]
-
-        # Tables. Depth and reciprocals share a memory, each block with a port of its own.
-        m.submodules.shared_table = shared_table = spot_side(TableMemory(config.beams))
-        chosen = {table.name: Signal(name=f"is_{table.name}") for table in TABLES}
-        shared = chosen["depth"] | chosen["reciprocal"]
-        m.d.comb += [
-            *(chosen[table.name].eq(self.table_select == table.number) for table in TABLES),
-            *(block.bank.eq(self.bank) for block in (shared_table, undistort, epipolar)),
-            *(block.write_bank.eq(~self.bank) for block in (shared_table, undistort, epipolar)),
-            shared_table.a_address.eq(depth.table_address),
-            depth.table_data.eq(shared_table.a_data),
-            shared_table.b_address.eq(Cat(centre.table_address, C(1, 1))),
-            centre.table_data.eq(shared_table.b_data),
-            shared_table.write_enable.eq(self.table_write & shared),
-            shared_table.read_enable.eq(self.table_read & shared),
-            shared_table.write_address.eq(Cat(self.table_address[:8], chosen["reciprocal"])),
-            shared_table.write_data.eq(self.table_data),
-            undistort.radial_write_enable.eq(self.table_write & chosen["radial"]),
-            undistort.radial_write_address.eq(self.table_address),
-            undistort.radial_write_data.eq(self.table_data),
-            epipolar.write_enable.eq(self.table_write & chosen["beams"]),
-            epipolar.read_enable.eq(self.table_read & chosen["beams"]),
-            epipolar.write_address.eq(self.table_address),
-            epipolar.write_line.eq(self.table_data[:36]),
-            epipolar.write_window.eq(self.table_data[36:]),
-        ]
-        read = Signal()
-        m.d.spot += read.eq(self.table_read)
-        with m.If(read):
-            with m.If(chosen["radial"]):
-                m.d.spot += self.table_word.eq(undistort.radial_read_data)
-            with m.Elif(chosen["beams"]):
-                m.d.spot += self.table_word.eq(Cat(epipolar.read_line, epipolar.read_window))
-            with m.Else():
-                m.d.spot += self.table_word.eq(shared_table.a_data)
-
-        # A frame is under way from its first pixel until its end mark has left the depth block.
-        m.submodules.numbers = numbers = spot_side(SyncFIFO(width=16, depth=_FRAMES_IN_FLIGHT))
+        # A frame is under way from its first pixel until its end mark has left as a point.
+        m.submodules.numbers = numbers = spot_side(SyncFIFO(width=16, depth=FRAMES_IN_FLIGHT))
         begins, ends = Signal(), Signal()
         m.d.comb += [
             begins.eq(self.info.valid & self.info.ready),
-            ends.eq(depth.o.valid & depth.o.ready & depth.o.p.end),
+            ends.eq(self.o.valid & self.o.ready & self.o.p.end),
             self.idle.eq(under_way == 0),
-            self.moves.eq(Cat(
-                self.table_write, self.table_read, read, announces, labelling.o.valid,
-                spot_stage.o.valid, spot_queue.o.valid, spot_queue.counts.valid, centre.o.valid,
-                undistort.o.valid, match_stage.o.valid, epipolar.o.valid, depth.o.valid).any()),
+            self.moves.eq(reconstruction.moves | announces | self.table_write | self.table_read),
             numbers.w_en.eq(announces),
             numbers.w_data.eq(known_of_it.number),
             numbers.r_en.eq(ends),

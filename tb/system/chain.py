@@ -1,21 +1,15 @@
 """The chip between the frame gate and the Point FIFO, for measuring it clock by clock."""
 
 import numpy as np
-from amaranth.hdl import C, Cat, Module
+from amaranth.hdl import Module
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from hdl.common.stage import Stage
-from hdl.common.table_memory import TableMemory
-from hdl.payloads import GreyPixel, Point, Spot
+from hdl.payloads import GreyPixel, Point
 from hdl.preprocessing.binarise import Binarise
-from hdl.preprocessing.centre import Centring
 from hdl.preprocessing.erosion import Erosion
 from hdl.preprocessing.labelling import Labelling
-from hdl.preprocessing.spot_queue import SpotQueue
-from hdl.stereo.depth import Depth
-from hdl.stereo.epipolar import Epipolar
-from hdl.stereo.undistort import Undistort
+from hdl.reconstruction import Reconstruction
 from tb.native_block import NativeBlock
 from tb.preprocessing.frames import grey_words
 
@@ -33,32 +27,23 @@ class Chain(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config = self.config
-        size = {"width": config.width, "height": config.height}
-        blocks = {
-            "binarise": Binarise(8), "erosion": Erosion(config.width),
-            "labelling": Labelling(**size), "spot_stage": Stage(Spot),
-            "spot_queue": SpotQueue(config.spot_depth),
-            "centre": Centring(), "undistort": Undistort(**size), "match_stage": Stage(),
-            "epipolar": Epipolar(config.beams, config.lanes), "depth": Depth()}
-        source = flipped(self.i)
-        for name, block in blocks.items():
-            m.submodules[name] = block
-            connect(m, source, block.i)
-            source = block.o
-        connect(m, source, flipped(self.o))
-        m.submodules.table = table = TableMemory()
+        m.submodules.binarise = binarise = Binarise(8)
+        m.submodules.erosion = erosion = Erosion(config.width)
+        m.submodules.labelling = labelling = Labelling(config.width, config.height)
+        m.submodules.reconstruction = reconstruction = Reconstruction(config)
+        connect(m, flipped(self.i), binarise.i)
+        connect(m, binarise.o, erosion.i)
+        connect(m, erosion.o, labelling.i)
+        connect(m, labelling.o, reconstruction.i)
+        connect(m, reconstruction.o, flipped(self.o))
         m.d.comb += [
-            blocks["binarise"].level.eq(100),
-            blocks["binarise"].enable.eq(1),
-            blocks["erosion"].mode.eq(2),
-            blocks["labelling"].weighted.eq(1),
-            blocks["spot_queue"].area_min.eq(1),
-            blocks["spot_queue"].area_max.eq(255),
-            blocks["spot_queue"].counts.ready.eq(1),
-            table.a_address.eq(blocks["depth"].table_address),
-            blocks["depth"].table_data.eq(table.a_data),
-            table.b_address.eq(Cat(blocks["centre"].table_address, C(1, 1))),
-            blocks["centre"].table_data.eq(table.b_data),
+            binarise.level.eq(100),
+            binarise.enable.eq(1),
+            erosion.mode.eq(2),
+            labelling.weighted.eq(1),
+            reconstruction.area_min.eq(1),
+            reconstruction.area_max.eq(255),
+            reconstruction.counts.ready.eq(1),
         ]
         return m
 

@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from hdl.acquisition.frame_gate import FrameGate
 from hdl.common.sram import SRAMPins, SRAMPort
 from hdl.common.stage import Stage
-from hdl.paper_points import REGISTERS, REMAP_BASE, PaperPoints
+from hdl.paper_points import REMAP_BASE, PaperPoints
 from hdl.payloads import Counts, FrameInfo, GreyPixel, MemoryCommand, Point
 from model.link.points import POINT
 from model.preprocessing.remap import pack_remap
@@ -65,7 +65,7 @@ class PaperRig(wiring.Component):
             "free": Out(1),
             "lost": Out(8),
             "pins": Out(SRAMPins()),
-            **{name: In(shape) for name, shape in REGISTERS.items()},
+            **PaperPoints.registers,
         })
 
     def elaborate(self, platform):
@@ -99,7 +99,7 @@ class PaperRig(wiring.Component):
             gate.o.ready.eq(1),
             points.bank.eq(self.bank),
             self.idle.eq(points.idle), self.free.eq(points.info.ready), self.lost.eq(gate.lost),
-            *(getattr(points, name).eq(getattr(self, name)) for name in REGISTERS),
+            *(getattr(points, name).eq(getattr(self, name)) for name in points.registers),
         ]
         connect(m, gate.info, points.info)
         connect(m, out.o, flipped(self.o))
@@ -151,7 +151,7 @@ class PaperBench:
         self.config = config
         block.reset()
         block.set(bank=1, **{name: value for name, value in settings.registers().items()
-                             if name in REGISTERS})
+                             if name in PaperPoints.registers})
         table = pack_remap(settings.remap)
         self._load(kind=_MEMORY, memory_write=1, memory_lanes=0b1111,
                    memory_address=REMAP_BASE + np.arange(len(table)), memory_data=table)

@@ -1,27 +1,13 @@
 """The whole capsule: camera pins in, serial pin out."""
 
-from amaranth.hdl import (
-    Cat,
-    ClockDomain,
-    ClockSignal,
-    DomainRenamer,
-    Module,
-    ResetSignal,
-    Shape,
-    Signal,
-)
-from amaranth.lib import stream, wiring
+from amaranth.hdl import ClockDomain, ClockSignal, DomainRenamer, Module, ResetSignal, Shape, Signal
+from amaranth.lib import wiring
 from amaranth.lib.fifo import SyncFIFO
-from amaranth.lib.wiring import In, Out, connect
+from amaranth.lib.wiring import Out, connect
 
-from .acquisition.camera import Camera
-from .acquisition.frame_gate import FrameGate
-from .common.point_fifo import PointFIFO
 from .config import FRAMES_IN_FLIGHT, check_config
-from .link.points import Points
-from .link.quota import Quota
-from .link.transmitter import Transmitter
-from .payloads import FrameInfo, FrameTag, PacketOctet
+from .payloads import FrameInfo
+from .periphery import LINGER, PORTS, Periphery
 from .ports import REGISTERS, TABLE_PORT, hand_on
 from .preprocessing.binarise import Binarise
 from .preprocessing.erosion import Erosion
@@ -32,10 +18,8 @@ from .reconstruction import Reconstruction
 
 __all__ = ["Capsule"]
 
-#: Clocks that the spot side goes on after the last sign of work: no block hides any for longer.
-_LINGER = 127
+_SPOT_SIDE = ("alpha", "threshold_fixed", "threshold_level", *Reconstruction.registers)
 _PIXEL_SIDE = ("erosion_mode", "weighted")
-_LINK_SIDE = ("divisor", "texture_enable")
 
 
 class Capsule(wiring.Component):
@@ -104,26 +88,8 @@ class Capsule(wiring.Component):
         self.config = config
         self.gated = gated
         super().__init__({
-            "frame_valid": In(1),
-            "line_valid": In(1),
-            "data": In(8),
-            "tag": In(FrameTag),
-            "tripped": In(1),
-            "tables_valid": In(1),
-            "reply": In(stream.Signature(PacketOctet)),
-            "tx": Out(1, init=1),
-            "cts": In(1),
-            "busy": Out(1),
-            "wake": In(1),
+            **PORTS,
             "idle": Out(1),
-            "frame_begun": Out(1),
-            "frame_ended": Out(1),
-            "frame_broken": Out(1),
-            "bad_sync": Out(8),
-            "overrun": Out(8),
-            "skipped": Out(8),
-            "packets": Out(16),
-            "sending": Out(1),
             **REGISTERS,
             **TABLE_PORT,
         })
@@ -139,23 +105,18 @@ class Capsule(wiring.Component):
             m.d.comb += [
                 ClockSignal("spot").eq(ClockSignal()), ResetSignal("spot").eq(ResetSignal())]
         register = {}
-        for name, member in REGISTERS.items():
-            register[name] = Signal(member.shape, name=name)
-            domain = "sync" if name in _PIXEL_SIDE + _LINK_SIDE else "spot"
-            m.d[domain] += register[name].eq(getattr(self, name))
+        for domain, names in (("spot", _SPOT_SIDE), ("sync", _PIXEL_SIDE)):
+            for name in names:
+                register[name] = Signal(REGISTERS[name].shape, name=name)
+                m.d[domain] += register[name].eq(getattr(self, name))
 
-        # Acquisition.
-        m.submodules.camera = camera = Camera(**size)
-        m.submodules.frame_gate = gate = FrameGate()
+        # From the camera, and to the link.
+        m.submodules.periphery = periphery = Periphery(config)
         m.submodules.frame_info = frame_info = spot_side(SyncFIFO(
             width=Shape.cast(FrameInfo).width, depth=FRAMES_IN_FLIGHT))
-        m.d.comb += [
-            camera.frame_valid.eq(self.frame_valid),
-            camera.line_valid.eq(self.line_valid),
-            camera.data.eq(self.data),
-        ]
-        connect(m, camera.o, gate.i)
-        connect(m, gate.info, frame_info.w_stream)
+        hand_on(m, {**PORTS, **periphery.registers}, self, periphery)
+        connect(m, periphery.info, frame_info.w_stream)
+        connect(m, frame_info.r_stream, periphery.frames)
 
         # Preprocessing. The histogram only listens.
         m.submodules.histogram = histogram = Histogram(**size)
@@ -163,14 +124,12 @@ class Capsule(wiring.Component):
         m.submodules.binarise = binarise = Binarise(8)
         m.submodules.erosion = erosion = Erosion(config.width)
         m.submodules.labelling = labelling = Labelling(**size)
-        connect(m, gate.o, binarise.i)
-        m.d.comb += [
-            histogram.i.valid.eq(gate.o.valid & gate.o.ready),
-            histogram.i.payload.eq(gate.o.payload),
-        ]
+        connect(m, periphery.o, binarise.i)
         connect(m, binarise.o, erosion.i)
         connect(m, erosion.o, labelling.i)
         m.d.comb += [
+            histogram.i.valid.eq(periphery.o.valid & periphery.o.ready),
+            histogram.i.payload.eq(periphery.o.payload),
             threshold.closed.eq(histogram.closed),
             threshold.done.eq(histogram.done),
             threshold.lost.eq(histogram.lost),
@@ -179,11 +138,8 @@ class Capsule(wiring.Component):
             threshold.alpha.eq(register["alpha"]),
             threshold.fixed.eq(register["threshold_fixed"]),
             threshold.fixed_level.eq(register["threshold_level"]),
-            gate.level.eq(threshold.level),
-            gate.learnt.eq(threshold.learnt),
-            gate.tag.eq(self.tag),
-            gate.tripped.eq(self.tripped),
-            gate.tables_valid.eq(self.tables_valid),
+            periphery.level.eq(threshold.level),
+            periphery.learnt.eq(threshold.learnt),
             binarise.level.eq(threshold.level),
             binarise.enable.eq(threshold.learnt),
             erosion.mode.eq(register["erosion_mode"]),
@@ -192,80 +148,31 @@ class Capsule(wiring.Component):
 
         # Spots to points.
         m.submodules.reconstruction = reconstruction = spot_side(Reconstruction(config))
-        m.submodules.quota = quota = spot_side(Quota(FRAMES_IN_FLIGHT))
-        m.submodules.point_fifo = point_fifo = spot_side(PointFIFO())
         connect(m, labelling.o, reconstruction.i)
-        connect(m, reconstruction.o, quota.i)
-        connect(m, reconstruction.counts, quota.counts_i)
-        connect(m, quota.o, point_fifo.i)
+        connect(m, reconstruction.o, periphery.i)
+        connect(m, reconstruction.counts, periphery.counts)
         hand_on(m, TABLE_PORT, self, reconstruction)
-        m.d.comb += [
-            *(getattr(reconstruction, name).eq(register[name])
-              for name in reconstruction.registers),
-            quota.limit.eq(register["points_max"]),
-        ]
+        for name in reconstruction.registers:
+            m.d.comb += getattr(reconstruction, name).eq(register[name])
 
-        # Link. Octets cross to the side whose clock never stops.
-        m.submodules.points = points = spot_side(Points())
-        m.submodules.transmitter = transmitter = Transmitter(**size)
-        connect(m, point_fifo.o, points.i)
-        connect(m, quota.counts_o, points.counts)
-        connect(m, frame_info.r_stream, points.info)
-        connect(m, points.o, transmitter.points)
-        connect(m, wiring.flipped(self.reply), transmitter.reply)
-        connect(m, gate.texture, transmitter.texture)
-        connect(m, gate.texture_info, transmitter.texture_info)
-        m.d.comb += [
-            points.full_records.eq(register["full_records"]),
-            transmitter.more.eq(point_fifo.o.valid),
-            transmitter.divisor.eq(register["divisor"]),
-            transmitter.texture_enable.eq(register["texture_enable"]),
-            transmitter.bad_sync.eq(camera.bad_sync),
-            transmitter.overrun.eq(camera.overrun),
-            transmitter.cts.eq(self.cts),
-            self.tx.eq(transmitter.tx),
-            self.packets.eq(transmitter.packets),
-            self.sending.eq(transmitter.busy),
-        ]
-
-        # The spot side works while anything moves between its blocks, and a little longer. Spots
-        # are under way from a pattern frame's first pixel until none has moved for as long.
-        learning, moves = Signal(), Signal()
-        linger = Signal(range(_LINGER + 1), init=_LINGER)
-        quiet = Signal(range(_LINGER + 1))
-        pattern = Signal()
+        # Spots are under way from a pattern frame's first pixel until none has moved for so long
+        # that none can be left.
+        learning, pattern = Signal(), Signal()
+        quiet = Signal(range(LINGER + 1))
         with m.If(histogram.closed | histogram.done | histogram.lost):
             m.d.sync += learning.eq(histogram.closed)
         m.d.comb += [
-            moves.eq(Cat(
-                reconstruction.moves, self.wake, self.table_write, self.table_read, gate.info.valid,
-                histogram.closed, learning, histogram.done, histogram.lost, point_fifo.i.valid,
-                point_fifo.o.valid & ~points.o.valid, points.o.valid & points.o.ready).any()),
-            self.busy.eq(moves | linger.any()),
+            periphery.moves.eq(
+                reconstruction.moves | self.table_write | self.table_read | periphery.info.valid
+                | histogram.closed | learning | histogram.done | histogram.lost),
             self.idle.eq(~pattern & ~reconstruction.moves & (quiet == 0)),
         ]
-        for left, restart in ((linger, moves), (quiet, reconstruction.moves | pattern)):
-            with m.If(restart):
-                m.d.sync += left.eq(_LINGER)
-            with m.Elif(left.any()):
-                m.d.sync += left.eq(left - 1)
-        with m.If(gate.info.valid & gate.info.ready):
+        with m.If(reconstruction.moves | pattern):
+            m.d.sync += quiet.eq(LINGER)
+        with m.Elif(quiet.any()):
+            m.d.sync += quiet.eq(quiet - 1)
+        with m.If(periphery.info.valid & periphery.info.ready):
             m.d.sync += pattern.eq(1)
         with m.Elif(histogram.done | histogram.lost):
             m.d.sync += pattern.eq(0)
-
-        # For the sequencer and for the host.
-        inside = Signal()
-        beat = camera.o.valid & camera.o.ready
-        mark = camera.o.p.mark
-        with m.If(beat):
-            m.d.sync += inside.eq(~mark.frame_end)
-        m.d.comb += [
-            self.frame_begun.eq(beat & ~inside & ~mark.broken),
-            self.frame_ended.eq(beat & mark.frame_end & ~mark.broken),
-            self.frame_broken.eq(beat & mark.broken),
-            self.bad_sync.eq(camera.bad_sync),
-            self.overrun.eq(camera.overrun),
-            self.skipped.eq(gate.lost),
-        ]
         return m

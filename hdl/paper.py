@@ -1,27 +1,20 @@
 """The paper's demonstrator: camera pins in, serial pin and a screen out, a memory beside it."""
 
-from amaranth.hdl import ClockDomain, ClockSignal, DomainRenamer, Module, ResetSignal, Signal
+from amaranth.hdl import ClockDomain, ClockSignal, Module, ResetSignal, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from .acquisition.camera import Camera
-from .acquisition.frame_gate import FrameGate
 from .acquisition.sram_frames import SRAMFrames
-from .common.point_fifo import PointFIFO
 from .common.sram import SRAMPins, SRAMPort
-from .config import FRAMES_IN_FLIGHT, check_config
+from .config import check_config
 from .display.vga import VGA
-from .link.points import Points
-from .link.quota import Quota
-from .link.transmitter import Transmitter
 from .paper_points import FREE_BASE, PaperPoints
-from .payloads import FrameTag, MemoryCommand, PacketOctet, Status
+from .payloads import MemoryCommand, Status
+from .periphery import PORTS, Periphery
 from .ports import REGISTERS, TABLE_PORT, hand_on
 
 __all__ = ["BOARD", "Paper"]
 
-#: Clocks that the spot side goes on after the last sign of work: no block hides any for longer.
-_LINGER = 127
 _SCREEN = ("hsync", "vsync", "visible", "red", "green", "blue")
 #: What the board has beside that of the preset ``capsule``.
 BOARD = {
@@ -89,26 +82,8 @@ class Paper(wiring.Component):
         self.config = config
         self.gated = gated
         super().__init__({
-            "frame_valid": In(1),
-            "line_valid": In(1),
-            "data": In(8),
-            "tag": In(FrameTag),
-            "tripped": In(1),
-            "tables_valid": In(1),
-            "reply": In(stream.Signature(PacketOctet)),
-            "tx": Out(1, init=1),
-            "cts": In(1),
-            "busy": Out(1),
-            "wake": In(1),
+            **PORTS,
             "idle": Out(1),
-            "frame_begun": Out(1),
-            "frame_ended": Out(1),
-            "frame_broken": Out(1),
-            "bad_sync": Out(8),
-            "overrun": Out(8),
-            "skipped": Out(8),
-            "packets": Out(16),
-            "sending": Out(1),
             **REGISTERS,
             **TABLE_PORT,
             "memory": In(stream.Signature(MemoryCommand)),
@@ -119,88 +94,47 @@ class Paper(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         size = {"width": self.config.width, "height": self.config.height}
-        spot_side = DomainRenamer("spot")
         if not self.gated:
             m.domains.spot = ClockDomain(local=True)
             m.d.comb += [
                 ClockSignal("spot").eq(ClockSignal()), ResetSignal("spot").eq(ResetSignal())]
 
-        # Acquisition.
-        m.submodules.camera = camera = Camera(**size)
-        m.submodules.frame_gate = gate = FrameGate()
+        # From the camera, and to the link.
+        m.submodules.periphery = periphery = Periphery(self.config)
+        hand_on(m, {**PORTS, **periphery.registers}, self, periphery)
+
+        # Pattern frames to points.
         m.submodules.measure = measure = PaperPoints(self.config)
-        connect(m, camera.o, gate.i)
-        connect(m, gate.info, measure.info)
-        m.d.comb += [
-            camera.frame_valid.eq(self.frame_valid),
-            camera.line_valid.eq(self.line_valid),
-            camera.data.eq(self.data),
-            gate.tag.eq(self.tag),
-            gate.tripped.eq(self.tripped),
-            gate.tables_valid.eq(self.tables_valid),
-            gate.learnt.eq(1),
-            measure.i.valid.eq(gate.o.valid),
-            measure.i.payload.eq(gate.o.payload),
-            gate.o.ready.eq(1),
-        ]
-
-        # Spots to points; registers and tables.
-        m.submodules.quota = quota = spot_side(Quota(FRAMES_IN_FLIGHT))
-        m.submodules.point_fifo = point_fifo = spot_side(PointFIFO())
-        m.submodules.points = points = spot_side(Points())
-        register = {}
-        for name in (*measure.registers, "points_max", "full_records"):
-            register[name] = Signal(REGISTERS[name].shape, name=name)
-            m.d.sync += register[name].eq(getattr(self, name))
-        for name in measure.registers:
-            m.d.comb += getattr(measure, name).eq(register[name])
+        connect(m, periphery.o, measure.i)
+        connect(m, periphery.info, measure.info)
+        connect(m, measure.o, periphery.i)
+        connect(m, measure.counts, periphery.counts)
+        connect(m, measure.frames, periphery.frames)
         hand_on(m, TABLE_PORT, self, measure)
-        connect(m, measure.o, quota.i)
-        connect(m, measure.counts, quota.counts_i)
-        connect(m, quota.o, point_fifo.i)
-        connect(m, quota.counts_o, points.counts)
-        connect(m, measure.frames, points.info)
-        connect(m, point_fifo.o, points.i)
+        for name, member in measure.registers.items():
+            register = Signal(member.shape, name=name)
+            m.d.sync += register.eq(getattr(self, name))
+            m.d.comb += getattr(measure, name).eq(register)
         m.d.comb += [
-            quota.limit.eq(register["points_max"]),
-            points.full_records.eq(register["full_records"]),
-        ]
-
-        # Link. Octets cross to the side whose clock never stops.
-        m.submodules.transmitter = transmitter = Transmitter(**size)
-        connect(m, points.o, transmitter.points)
-        connect(m, flipped(self.reply), transmitter.reply)
-        connect(m, gate.texture, transmitter.texture)
-        connect(m, gate.texture_info, transmitter.texture_info)
-        m.d.sync += [
-            transmitter.more.eq(point_fifo.o.valid),
-            transmitter.divisor.eq(self.divisor),
-            transmitter.texture_enable.eq(self.texture_enable),
-        ]
-        m.d.comb += [
-            transmitter.bad_sync.eq(camera.bad_sync),
-            transmitter.overrun.eq(camera.overrun),
-            transmitter.cts.eq(self.cts),
-            self.tx.eq(transmitter.tx),
-            self.packets.eq(transmitter.packets),
-            self.sending.eq(transmitter.busy),
+            periphery.learnt.eq(1),
+            periphery.moves.eq(measure.moves),
+            self.idle.eq(measure.idle),
         ]
 
         # Display of the corrected frames.
         m.submodules.frames = frames = SRAMFrames(**size, banks=3, base=FREE_BASE)
         m.submodules.vga = vga = VGA(**size)
         connect(m, measure.corrected, frames.i)
-        spot = quota.o.valid & quota.o.ready
         m.d.comb += [
             frames.info.eq(measure.corrected_info),
             *(getattr(frames, name).eq(getattr(vga, name))
               for name in ("acquire", "fetch", "fetch_row", "turn", "row", "column")),
             *(getattr(vga, name).eq(getattr(frames, name)) for name in ("held", "frame", "data")),
-            vga.marks.valid.eq(spot),
-            vga.marks.p.end.eq(quota.o.p.end),
-            vga.marks.p.ok.eq(quota.o.p.status == Status.OK),
-            vga.marks.p.u.eq(quota.o.p.u),
-            vga.marks.p.v.eq(quota.o.p.v),
+            vga.marks.valid.eq(periphery.sent.valid),
+            vga.marks.p.end.eq(periphery.sent.p.end),
+            vga.marks.p.ok.eq(periphery.sent.p.status == Status.OK),
+            vga.marks.p.u.eq(periphery.sent.p.u),
+            vga.marks.p.v.eq(periphery.sent.p.v),
             vga.marks_number.eq(measure.number),
             *(getattr(self, name).eq(getattr(vga, name)) for name in _SCREEN),
         ]
@@ -214,33 +148,4 @@ class Paper(wiring.Component):
                 (flipped(self.memory), flipped(self.memory_word))]):
             connect(m, command, port.command[client])
             connect(m, port.answer[client], answer)
-
-        # The spot side works while anything moves between its blocks, and a little longer.
-        moves = Signal()
-        linger = Signal(range(_LINGER + 1), init=_LINGER)
-        m.d.comb += [
-            moves.eq(measure.moves | self.wake | point_fifo.i.valid
-                     | (point_fifo.o.valid & points.i.ready) | (points.o.valid & points.o.ready)),
-            self.busy.eq(moves | linger.any()),
-        ]
-        with m.If(moves):
-            m.d.sync += linger.eq(_LINGER)
-        with m.Elif(linger.any()):
-            m.d.sync += linger.eq(linger - 1)
-
-        # For the sequencer and for the host.
-        inside = Signal()
-        beat = camera.o.valid & camera.o.ready
-        mark = camera.o.p.mark
-        with m.If(beat):
-            m.d.sync += inside.eq(~mark.frame_end)
-        m.d.comb += [
-            self.idle.eq(measure.idle),
-            self.frame_begun.eq(beat & ~inside & ~mark.broken),
-            self.frame_ended.eq(beat & mark.frame_end & ~mark.broken),
-            self.frame_broken.eq(beat & mark.broken),
-            self.bad_sync.eq(camera.bad_sync),
-            self.overrun.eq(camera.overrun),
-            self.skipped.eq(gate.lost),
-        ]
         return m

@@ -48,7 +48,7 @@ class Reconstruction(wiring.Component):
         One for each frame, there before the frame's end mark is.
     moves : :py:`Out(1)`
         A spot goes from one stage to the next, or waits to. No stage keeps one to itself for
-        longer than 127 clocks.
+        longer than :data:`hdl.periphery.LINGER` clocks.
     area_min, area_max, report_rejected, principal_u, principal_v, tangential_1, tangential_2
         Registers, see ``hdl/protocol.py``. May change while no spot is under way.
     bank : :py:`In(1)`

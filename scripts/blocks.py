@@ -90,7 +90,7 @@ BLOCKS = tuple(Block(name, unit) for unit, names in {
 TOP = Block("instrument", "")
 #: What is made of other blocks, each of which has its own bench and proofs.
 WHOLES = (*(Block(name, "") for name in (
-    "reconstruction", "capsule", "paper_points", "paper")), TOP)
+    "periphery", "reconstruction", "capsule", "paper_points", "paper")), TOP)
 
 
 def present():

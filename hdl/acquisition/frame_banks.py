@@ -1,13 +1,13 @@
 """Which bank of a frame store is whose."""
 
 from amaranth import *
-from amaranth.lib import wiring
+from amaranth.lib import stream, wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
-from ..payloads import StoredFrame
+from ..payloads import GreyPixel, StoredFrame
 
-__all__ = ["FrameBanks", "check_banks"]
+__all__ = ["FrameBanks", "check_banks", "check_store", "store_members"]
 
 _COUNT_BITS = 8
 
@@ -16,6 +16,31 @@ def check_banks(banks):
     """Refuse what is no number of banks."""
     if banks not in (2, 3) or isinstance(banks, bool):
         raise ValueError(f"The number of banks must be 2 or 3, not {banks!r}")
+
+
+def check_store(width, height, banks):
+    """Refuse what is no size of a frame or no number of banks."""
+    for name, value in (("width", width), ("height", height)):
+        if not isinstance(value, int) or not 2 <= value <= 512:
+            raise ValueError(f"Frame {name} must be an integer from 2 to 512, not {value!r}")
+    check_banks(banks)
+
+
+def store_members(shape):
+    """Members that every frame store has, ``shape`` being what is known of a frame."""
+    return {
+        "i": In(stream.Signature(GreyPixel, always_ready=True)),
+        "info": In(shape),
+        "broken": Out(_COUNT_BITS),
+        "skipped": Out(_COUNT_BITS),
+        "unread": Out(_COUNT_BITS),
+        "acquire": In(1),
+        "give_back": In(1),
+        "idle": Out(1),
+        "held": Out(1),
+        "fresh": Out(1),
+        "frame": Out(shape),
+    }
 
 
 class FrameBanks(wiring.Component):

@@ -1,16 +1,15 @@
 """Frames between two clocks, in memory blocks of the chip."""
 
 from amaranth import *
-from amaranth.lib import stream, wiring
+from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from ..payloads import GreyPixel, StoredFrame
-from .frame_banks import FrameBanks, check_banks
+from ..payloads import StoredFrame
+from .frame_banks import FrameBanks, check_store, store_members
 
 __all__ = ["FrameMemory"]
 
-_COUNT_BITS = 8
 #: Pixels of the largest memory block of the Virtex-II Pro, one bit wide.
 _PAGE = 1 << 14
 
@@ -58,23 +57,10 @@ class FrameMemory(wiring.Component):
     latency = 2
 
     def __init__(self, width, height, banks=2, shape=StoredFrame):
-        for name, value in (("width", width), ("height", height)):
-            if not isinstance(value, int) or not 2 <= value <= 512:
-                raise ValueError(f"Frame {name} must be an integer from 2 to 512, not {value!r}")
-        check_banks(banks)
+        check_store(width, height, banks)
         self.width, self.height, self.banks, self.shape = width, height, banks, shape
         super().__init__({
-            "i": In(stream.Signature(GreyPixel, always_ready=True)),
-            "info": In(shape),
-            "broken": Out(_COUNT_BITS),
-            "skipped": Out(_COUNT_BITS),
-            "unread": Out(_COUNT_BITS),
-            "acquire": In(1),
-            "give_back": In(1),
-            "idle": Out(1),
-            "held": Out(1),
-            "fresh": Out(1),
-            "frame": Out(shape),
+            **store_members(shape),
             "address": In(range(width * height)),
             "data": Out(8),
         })

@@ -7,8 +7,8 @@ from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from ..payloads import GreyPixel, MemoryCommand, StoredFrame
-from .frame_banks import FrameBanks, check_banks
+from ..payloads import MemoryCommand, StoredFrame
+from .frame_banks import FrameBanks, check_store, store_members
 
 __all__ = ["SRAMFrames"]
 
@@ -95,10 +95,7 @@ class SRAMFrames(wiring.Component):
     latency = 2
 
     def __init__(self, width, height, banks=3, base=0, shape=StoredFrame):
-        for name, value in (("width", width), ("height", height)):
-            if not isinstance(value, int) or not 2 <= value <= 512:
-                raise ValueError(f"Frame {name} must be an integer from 2 to 512, not {value!r}")
-        check_banks(banks)
+        check_store(width, height, banks)
         self.row_words = -(-width // 4)
         self.bank_words = self.row_words * height
         most = (1 << _ADDRESS_BITS) - banks * self.bank_words
@@ -110,17 +107,7 @@ class SRAMFrames(wiring.Component):
         self.width, self.height, self.banks, self.shape = width, height, banks, shape
         self.starts = [base + bank * self.bank_words for bank in range(banks)]
         super().__init__({
-            "i": In(stream.Signature(GreyPixel, always_ready=True)),
-            "info": In(shape),
-            "broken": Out(_COUNT_BITS),
-            "skipped": Out(_COUNT_BITS),
-            "unread": Out(_COUNT_BITS),
-            "acquire": In(1),
-            "give_back": In(1),
-            "idle": Out(1),
-            "held": Out(1),
-            "fresh": Out(1),
-            "frame": Out(shape),
+            **store_members(shape),
             "fetch": In(1),
             "fetch_row": In(range(height)),
             "turn": In(1),

@@ -2,20 +2,26 @@
 
 import numpy as np
 
-from model.link.points import POINT, PatternFrame
+from model.link.points import PatternFrame
 from model.link.quota import within_quota
 from model.preprocessing.binarise import binarise
-from model.preprocessing.centre import centres
 from model.preprocessing.erosion import erode
 from model.preprocessing.histogram import histogram
 from model.preprocessing.labelling import label
 from model.preprocessing.spot_queue import screen
 from model.preprocessing.threshold import threshold
-from model.stereo.depth import inverse_depth
-from model.stereo.epipolar import match
-from model.stereo.undistort import undistort
+from model.reconstruction import reconstruct
 
-__all__ = ["Capsule"]
+__all__ = ["Capsule", "checked"]
+
+
+def checked(image, width, height):
+    """The image as an array; refuses what has not the sensor's size and 8 bits."""
+    image = np.asarray(image)
+    if image.shape != (height, width) or image.dtype != np.uint8:
+        raise ValueError(f"A frame must have {width} x {height} pixels of 8 bits, "
+                         f"not {image.shape[::-1]} of {image.dtype}")
+    return image
 
 
 class Capsule:
@@ -59,10 +65,7 @@ class Capsule:
         ValueError
             If the image is not of the sensor's size and 8 bits.
         """
-        image = np.asarray(image)
-        if image.shape != (self.height, self.width) or image.dtype != np.uint8:
-            raise ValueError(f"A frame must have {self.width} x {self.height} pixels of 8 bits, "
-                             f"not {image.shape[::-1]} of {image.dtype}")
+        image = checked(image, self.width, self.height)
         fixed = self.settings.level_fixed
         level = self._level if fixed is None else fixed
         if level is None:
@@ -79,13 +82,7 @@ class Capsule:
         lit, excess = binarise(image, level)
         lit, core = erode(lit, settings.erosion)
         spots, counts = screen(label(lit, core, excess, settings.weighted), settings)
-        u, v = centres(spots, settings.reciprocal)
-        x, y, inside = undistort(u, v, settings, self.width, self.height)
-        status, beam = match(x, y, spots["rejected"] | ~inside, settings.line, settings.window)
-        status, beam, inverse_z = inverse_depth(x, beam, status, settings.depth)
-        points = np.zeros(len(spots), POINT)
-        points["status"], points["beam"], points["inverse_z"] = status, beam, inverse_z
-        points["area"], points["u"], points["v"] = spots["area"], u, v
+        points = reconstruct(spots, settings, self.width, self.height)
         points, dropped = within_quota(points, self.points_max)
         return PatternFrame(points=points, number=self.number, level=level, dropped=dropped,
                             spots=counts["spots"], rejected=counts["rejected"])

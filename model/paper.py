@@ -1,20 +1,16 @@
 """The golden model of the preset ``paper``: frames in, points and counts out, bit for bit."""
 
-import numpy as np
-
-from model.link.points import POINT, PatternFrame
+from model.capsule import checked
+from model.link.points import PatternFrame
 from model.link.quota import within_quota
 from model.preprocessing.binarise import binarise
-from model.preprocessing.centre import centres
 from model.preprocessing.erosion import erode
 from model.preprocessing.histogram import histogram
 from model.preprocessing.remap import remap
 from model.preprocessing.spot_queue import screen
 from model.preprocessing.threshold import threshold
 from model.preprocessing.two_pass_labelling import label_in_two_passes
-from model.stereo.depth import inverse_depth
-from model.stereo.epipolar import match
-from model.stereo.undistort import undistort
+from model.reconstruction import reconstruct
 
 __all__ = ["LABELS", "Paper", "corrected_spots"]
 
@@ -96,19 +92,10 @@ class Paper:
         ValueError
             If the image is not of the sensor's size and 8 bits.
         """
-        image = np.asarray(image)
-        if image.shape != (self.height, self.width) or image.dtype != np.uint8:
-            raise ValueError(f"A frame must have {self.width} x {self.height} pixels of 8 bits, "
-                             f"not {image.shape[::-1]} of {image.dtype}")
+        image = checked(image, self.width, self.height)
         settings = self.settings
         level, spots, counts = corrected_spots(image, settings, self.labels)
-        u, v = centres(spots, settings.reciprocal)
-        x, y, inside = undistort(u, v, settings, self.width, self.height)
-        status, beam = match(x, y, spots["rejected"] | ~inside, settings.line, settings.window)
-        status, beam, inverse_z = inverse_depth(x, beam, status, settings.depth)
-        points = np.zeros(len(spots), POINT)
-        points["status"], points["beam"], points["inverse_z"] = status, beam, inverse_z
-        points["area"], points["u"], points["v"] = spots["area"], u, v
+        points = reconstruct(spots, settings, self.width, self.height)
         points, beyond = within_quota(points, self.points_max)
         dropped = min(counts["dropped"] + beyond, _COUNT_LIMIT)
         number, self.number = self.number, (self.number + 1) & 0xFFFF

@@ -129,6 +129,7 @@ class Instrument(wiring.Component):
         if paper:
             connect(m, commands.memory, measure.memory)
             connect(m, measure.memory_word, commands.memory_word)
+            m.d.comb += commands.screen.eq(measure.screen)
         connect(m, commands.o, measure.reply)
         m.d.comb += [
             measure.frame_valid.eq(self.frame_valid),

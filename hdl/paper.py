@@ -1,7 +1,8 @@
 """The paper's demonstrator: camera pins in, serial pin and a screen out, a memory beside it."""
 
-from amaranth.hdl import ClockDomain, ClockSignal, Module, ResetSignal, Signal
+from amaranth.hdl import Cat, ClockDomain, ClockSignal, Module, ResetSignal, Signal
 from amaranth.lib import stream, wiring
+from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .acquisition.sram_frames import SRAMFrames
@@ -12,6 +13,7 @@ from .paper_points import FREE_BASE, PaperPoints
 from .payloads import MemoryCommand, Status
 from .periphery import PORTS, Periphery
 from .ports import REGISTERS, TABLE_PORT, hand_on
+from .protocol import SCREEN_FAULTS
 
 __all__ = ["BOARD", "Paper"]
 
@@ -73,6 +75,9 @@ class Paper(wiring.Component):
     memory, memory_word : :py:`In(stream.Signature(MemoryCommand))`, \
     :py:`Out(stream.Signature(32, always_ready=True))`
         Access to it for the host; words that are read come in the order of the commands.
+    screen : :py:`Out(3)`
+        What the screen lacked since reset, bits in the order of
+        :data:`hdl.protocol.SCREEN_FAULTS`.
     hsync, vsync, visible, red, green, blue
         The screen.
     """
@@ -88,6 +93,7 @@ class Paper(wiring.Component):
             **TABLE_PORT,
             "memory": In(stream.Signature(MemoryCommand)),
             "memory_word": Out(stream.Signature(32, always_ready=True)),
+            "screen": Out(len(SCREEN_FAULTS)),
             **BOARD,
         })
 
@@ -138,6 +144,14 @@ class Paper(wiring.Component):
             vga.marks_number.eq(measure.number),
             *(getattr(self, name).eq(getattr(vga, name)) for name in _SCREEN),
         ]
+
+        # What the screen lacked.
+        row_late = Signal()
+        row_was_late = Signal()
+        m.submodules.late_synchronizer = FFSynchronizer(row_late, row_was_late)
+        m.d.display += row_late.eq(row_late | frames.late.any())
+        m.d.sync += self.screen.eq(
+            self.screen | Cat(frames.skipped.any(), row_was_late, vga.unmarked.any()))
 
         # The external memory.
         m.submodules.port = port = SRAMPort(clients=4)

@@ -13,7 +13,7 @@ __all__ = [
     "PROTOCOL_VERSION", "TABLE_VERSION", "WIRE_LIMIT", "GAP_CHARACTERS", "CONTENT_LIMIT",
     "COMPACT", "PacketKind", "Flag", "Command", "Reason", "Mode", "Register", "Field", "Table",
     "TABLES", "PLACES", "TRAILER_FIELDS", "TEXTURE_FIELDS", "IDENTITY_FIELDS", "STATUS_FIELDS",
-    "GUARD_CAUSES", "registers", "tables",
+    "GUARD_CAUSES", "SCREEN_FAULTS", "registers", "tables",
 ]
 
 #: Version of packets and commands.
@@ -286,4 +286,12 @@ STATUS_FIELDS = (
     Field("damaged", 16, "packets from the host with a wrong check"),
     Field("framing", 8, "characters from the host without a stop bit"),
     Field("packets", 16, "packets sent, modulo 65536"),
+    Field("screen", 8, "what the screen of the preset `paper` lacked, see SCREEN_FAULTS"),
+)
+
+#: What has happened to the screen since reset, bits of ``screen``.
+SCREEN_FAULTS = (
+    "frame",  # a frame found no bank in its store
+    "row",  # a row came from the store too late
+    "mark",  # a spot found no room among the marks
 )

@@ -114,6 +114,8 @@ LISTED = (
     Listed(r"(.*\.)?(bank_\d+_page_\d+|places)", r"(.*\.)?(bank_\d+_page_\d+|places)_r_data",
            "no bank is written while the reader holds it (`make prove`); what is read of others is "
            "not used"),
+    Listed(r"(.*\.)?row_late", r"(.*\.)?late_synchronizer\.stage0",
+           "one bit through two flip-flops; it stays", chain=True),
     # hdl.acquisition.sram_frames, likewise.
     Listed(r"(.*\.)?(wanted|read_bank)", r"(.*\.)?(odd|read_address)", _STILL),
     Listed(r"(.*\.)?line", r"(.*\.)?line_r_data",

@@ -23,6 +23,7 @@ _WORDS = {
     "TEXTURE_FIELDS": "the table in [texture](#texture)",
     "TABLE_VERSION": "version of the tables",
     "see GUARD_CAUSES": "see [causes](#identity-and-status)",
+    "see SCREEN_FAULTS": "see [below](#identity-and-status)",
     "see Flag": "as in [points](#points)",
 }
 _MARKED = re.compile(r"(<!-- protocol: (\w+) -->\n).*?(<!-- end -->)", re.S)
@@ -119,12 +120,21 @@ def _tables():
          table.octets, table.meaning) for table in protocol.tables("paper")))
 
 
-def _causes():
-    told = re.search(r"GUARD_CAUSES = \((.*?)\n\)", inspect.getsource(protocol), re.S)[1]
+def _bits(name, head):
+    """A table of the bits that a tuple of names stands for."""
+    told = re.search(rf"^{name} = \((.*?)\n\)", inspect.getsource(protocol), re.M | re.S)[1]
     rows = re.findall(r'"(\w+)",  # (.*)', told)
-    assert tuple(name for name, _ in rows) == protocol.GUARD_CAUSES
-    return _rows(("Bit", "Cause", "Meaning"), (
-        (bit, f"`{name}`", meaning) for bit, (name, meaning) in enumerate(rows)))
+    assert tuple(each for each, _ in rows) == getattr(protocol, name)
+    return _rows(("Bit", head, "Meaning"), (
+        (bit, f"`{each}`", meaning) for bit, (each, meaning) in enumerate(rows)))
+
+
+def _causes():
+    return _bits("GUARD_CAUSES", "Cause")
+
+
+def _screen():
+    return _bits("SCREEN_FAULTS", "What")
 
 
 def _texture():
@@ -142,7 +152,7 @@ def _status():
 #: What writes each table, by its name.
 TABLES = {function.__name__[1:]: function for function in (
     _packets, _trailer, _compact, _texture, _flags, _commands, _reasons, _registers, _tables,
-    _identity, _status, _causes)}
+    _identity, _status, _causes, _screen)}
 
 
 def updated(text):

@@ -1,6 +1,6 @@
 """``cyclope status``: what the chip is, what it does, and all its counters."""
 
-from hdl.protocol import GUARD_CAUSES, STATUS_FIELDS, Mode
+from hdl.protocol import GUARD_CAUSES, SCREEN_FAULTS, STATUS_FIELDS, Mode
 from scripts.commands import Commands
 from scripts.port import add_port_arguments, open_port
 
@@ -12,6 +12,8 @@ _CAUSES = {
     "pulse": "a pulse longer than the ceiling", "repetition": "a pulse too soon after another",
     "duty": "too much light in the window", "not_armed": "light asked for while not armed",
     "heartbeat": "frames that stopped coming"}
+_FAULTS = {
+    "frame": "a frame found no bank", "row": "a row came too late", "mark": "a spot has no mark"}
 _PRESETS = ("capsule", "paper")
 
 
@@ -63,8 +65,12 @@ def status_table(identity, status):
         [*(["calibration capture"] if state.capture else []), *causes(status)]))
     table.add_section()
     for field in STATUS_FIELDS:
-        if field.name not in ("state", "guard_causes"):
+        if field.name not in ("state", "guard_causes", "screen"):
             table.add_row(field.name.replace("_", " "), str(status[field.name]), field.meaning)
+    if preset == _PRESETS.index("paper"):
+        faults = [_FAULTS[name] for bit, name in enumerate(SCREEN_FAULTS)
+                  if status["screen"] >> bit & 1]
+        table.add_row("screen", "faults" if faults else "whole", "; ".join(faults))
     return table
 
 

@@ -12,6 +12,7 @@ from hdl.protocol import (
     IDENTITY_FIELDS,
     PLACES,
     PROTOCOL_VERSION,
+    SCREEN_FAULTS,
     STATUS_FIELDS,
     TABLE_VERSION,
     Command,
@@ -109,7 +110,8 @@ class Commands(wiring.Component):
     :py:`In(stream.Signature(32, always_ready=True))`
         The external memory, in the preset ``paper`` only: word 2n has the lower half of word n of
         the table of places.
-    laser_armed, sensor_silent, guard_causes, pairs, timeouts, bad_sync, overrun, skipped, packets
+    laser_armed, sensor_silent, guard_causes, pairs, timeouts, bad_sync, overrun, skipped, \
+    packets, screen
         What STATUS tells besides, see :data:`hdl.protocol.STATUS_FIELDS`.
     """
 
@@ -171,6 +173,7 @@ class Commands(wiring.Component):
             "overrun": In(8),
             "skipped": In(8),
             "packets": In(16),
+            "screen": In(len(SCREEN_FAULTS)),
             **({"memory": Out(stream.Signature(MemoryCommand)),
                 "memory_word": In(stream.Signature(32, always_ready=True))}
                if self.has_memory else {}),
@@ -286,7 +289,7 @@ class Commands(wiring.Component):
                 m, "refused", 16, done & (reason != Reason.OK) & ~of_damage),
             "damaged": self._counter(m, "damages", 16, self.damaged),
             "framing": self._counter(m, "framings", 8, self.framing),
-            "packets": self.packets,
+            "packets": self.packets, "screen": self.screen,
         })
 
         shift = Signal()

@@ -12,7 +12,8 @@ from tb.native_block import NativeBlock
 __all__ = ["Host"]
 
 _DATA_LIMIT = CONTENT_LIMIT - 9
-_INPUTS = ("guard_causes", "pairs", "timeouts", "bad_sync", "overrun", "skipped", "packets")
+_INPUTS = ("guard_causes", "pairs", "timeouts", "bad_sync", "overrun", "skipped", "packets",
+           "screen")
 
 
 class Host:

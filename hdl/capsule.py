@@ -7,7 +7,7 @@ from amaranth.lib.wiring import Out, connect
 
 from .config import FRAMES_IN_FLIGHT, check_config
 from .payloads import FrameInfo
-from .periphery import LINGER, PORTS, Periphery
+from .periphery import LINGER, PORTS, Periphery, camera_pins
 from .ports import REGISTERS, TABLE_PORT, hand_on
 from .preprocessing.binarise import Binarise
 from .preprocessing.erosion import Erosion
@@ -49,6 +49,9 @@ class Capsule(wiring.Component):
     -------
     frame_valid, line_valid, data : :py:`In(1)`, :py:`In(1)`, :py:`In(8)`
         The camera's pins, sampled at each rising edge in the domain ``pixel``.
+    row, column, convert, data, sensor_read
+        In their place if the configuration has a converter, see
+        :class:`.acquisition.addressed_camera.AddressedCamera`.
     tag : :py:`In(FrameTag)`
         How the frame at the pins was exposed. Texture frames only go to the link.
     tripped, tables_valid : :py:`In(1)`
@@ -65,6 +68,8 @@ class Capsule(wiring.Component):
         No pattern frame passes, and no spot is under way: tables and registers may change.
     frame_begun, frame_ended, frame_broken : :py:`Out(1)`
         High for a clock with a frame's first pixel, with its last, and with loss of synchronism.
+    frame_sending : :py:`Out(1)`
+        The camera is sending a frame, whole or not.
     bad_sync, overrun, skipped : :py:`Out(8)`
         Frames that lost synchronism, that lost pixels between the clocks, that were left out for
         want of room, since reset; they stop at 255.
@@ -88,6 +93,7 @@ class Capsule(wiring.Component):
         self.config = config
         self.gated = gated
         super().__init__({
+            **camera_pins(config),
             **PORTS,
             "idle": Out(1),
             **REGISTERS,
@@ -114,7 +120,7 @@ class Capsule(wiring.Component):
         m.submodules.periphery = periphery = Periphery(config)
         m.submodules.frame_info = frame_info = spot_side(SyncFIFO(
             width=Shape.cast(FrameInfo).width, depth=FRAMES_IN_FLIGHT))
-        hand_on(m, {**PORTS, **periphery.registers}, self, periphery)
+        hand_on(m, {**camera_pins(config), **PORTS, **periphery.registers}, self, periphery)
         connect(m, periphery.info, frame_info.w_stream)
         connect(m, frame_info.r_stream, periphery.frames)
 

@@ -34,6 +34,13 @@ class Config:
     labels : :class:`int`
         Provisional labels of the two-pass labelling, best one less than a power of two; the
         preset ``capsule`` has no use for them.
+    converter_latency : :class:`int` or None
+        None for an imager that sends frames by itself, with a clock of its own
+        (:class:`hdl.acquisition.camera.Camera`). Else its pixels are addressed, and this is how
+        many clocks an external converter takes, 1 to 64
+        (:class:`hdl.acquisition.addressed_camera.AddressedCamera`).
+    converter_interval : :class:`int`
+        Clocks from one such pixel to the next, 2 to 64.
 
     Raises
     ------
@@ -50,6 +57,8 @@ class Config:
     lanes: int = 2
     spot_depth: int = 64
     labels: int = 1023
+    converter_latency: int | None = None
+    converter_interval: int = 2
 
     def __post_init__(self):
         if self.preset not in PRESET_NAMES:
@@ -58,7 +67,8 @@ class Config:
         for name, low, high in [
             ("width", 16, 512), ("height", 16, 512), ("beams", 1, 128), ("lanes", 1, self.beams),
             ("spot_depth", 8, 512), ("labels", 1, 32767), ("clock_hz", 1_000_000, 65_000_000),
-            ("baud", 1200, self.clock_hz // 2),
+            ("baud", 1200, self.clock_hz // 2), ("converter_interval", 2, 64),
+            *([] if self.converter_latency is None else [("converter_latency", 1, 64)]),
         ]:
             value = getattr(self, name)
             if not isinstance(value, int) or not low <= value <= high:

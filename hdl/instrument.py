@@ -13,6 +13,7 @@ from .link.commands import Commands
 from .link.receiver import Receiver
 from .link.uart_rx import UARTReceiver
 from .paper import BOARD, Paper
+from .periphery import camera_pins
 from .ports import REGISTERS, TABLE_PORT, hand_on
 
 __all__ = ["Instrument"]
@@ -42,6 +43,9 @@ class Instrument(wiring.Component):
         To an AC-coupled laser driver: changes with every clock for light.
     frame_valid, line_valid, data : :py:`In(1)`, :py:`In(1)`, :py:`In(8)`
         From the imager, sampled at each rising edge in the domain ``pixel``.
+    row, column, convert, data
+        In their place if the configuration has a converter, see
+        :class:`.acquisition.addressed_camera.AddressedCamera`.
     rx, tx : :py:`In(1)`, :py:`Out(1)`
         Serial line, 8N1.
     cts : :py:`In(1)`
@@ -61,9 +65,8 @@ class Instrument(wiring.Component):
             "sensor_integrate": Out(1),
             "sensor_read": Out(1),
             "laser": Out(1),
-            "frame_valid": In(1),
-            "line_valid": In(1),
-            "data": In(8),
+            **{name: member for name, member in camera_pins(config).items()
+               if name != "sensor_read"},
             "rx": In(1, init=1),
             "tx": Out(1, init=1),
             "cts": In(1),
@@ -76,9 +79,8 @@ class Instrument(wiring.Component):
         config = self.config
 
         # Pins that know no clock of ours.
-        cts, sending = Signal(), Signal()
+        cts = Signal()
         m.submodules.cts_synchronizer = FFSynchronizer(self.cts, cts)
-        m.submodules.sending_synchronizer = FFSynchronizer(self.frame_valid, sending)
 
         # The host's commands.
         m.submodules.uart_rx = uart_rx = UARTReceiver()
@@ -106,7 +108,6 @@ class Instrument(wiring.Component):
                      "texture_reset_us", "texture_us"):
             m.d.comb += getattr(sequencer, name).eq(getattr(commands, name))
         m.d.comb += [
-            sequencer.sending.eq(sending),
             sequencer.laser_armed.eq(guard.armed),
             sequencer.lit.eq(guard.lit),
             sequencer.capture.eq(commands.capture),
@@ -124,7 +125,7 @@ class Instrument(wiring.Component):
         # Pixels to points, and everything to the reader.
         paper = config.preset == "paper"
         m.submodules.measure = measure = (Paper if paper else Capsule)(config, self.gated)
-        hand_on(m, BOARD if paper else {}, self, measure)
+        hand_on(m, camera_pins(config) | (BOARD if paper else {}), self, measure)
         hand_on(m, {**REGISTERS, **TABLE_PORT}, commands, measure)
         if paper:
             connect(m, commands.memory, measure.memory)
@@ -132,9 +133,6 @@ class Instrument(wiring.Component):
             m.d.comb += commands.screen.eq(measure.screen)
         connect(m, commands.o, measure.reply)
         m.d.comb += [
-            measure.frame_valid.eq(self.frame_valid),
-            measure.line_valid.eq(self.line_valid),
-            measure.data.eq(self.data),
             measure.tag.eq(sequencer.tag),
             measure.tripped.eq(guard.causes.any()),
             measure.tables_valid.eq(commands.tables_valid),
@@ -145,6 +143,7 @@ class Instrument(wiring.Component):
             sequencer.frame_begun.eq(measure.frame_begun),
             sequencer.frame_ended.eq(measure.frame_ended),
             sequencer.frame_broken.eq(measure.frame_broken),
+            sequencer.sending.eq(measure.frame_sending),
         ]
 
         # What was written acts together. A single pair is over when the sequencer comes to rest.

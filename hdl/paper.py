@@ -11,7 +11,7 @@ from .config import check_config
 from .display.vga import VGA
 from .paper_points import FREE_BASE, PaperPoints
 from .payloads import MemoryCommand, Status
-from .periphery import PORTS, Periphery
+from .periphery import PORTS, Periphery, camera_pins
 from .ports import REGISTERS, TABLE_PORT, hand_on
 from .protocol import SCREEN_FAULTS
 
@@ -87,6 +87,7 @@ class Paper(wiring.Component):
         self.config = config
         self.gated = gated
         super().__init__({
+            **camera_pins(config),
             **PORTS,
             "idle": Out(1),
             **REGISTERS,
@@ -107,7 +108,7 @@ class Paper(wiring.Component):
 
         # From the camera, and to the link.
         m.submodules.periphery = periphery = Periphery(self.config)
-        hand_on(m, {**PORTS, **periphery.registers}, self, periphery)
+        hand_on(m, {**camera_pins(self.config), **PORTS, **periphery.registers}, self, periphery)
 
         # Pattern frames to points.
         m.submodules.measure = measure = PaperPoints(self.config)

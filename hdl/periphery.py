@@ -2,8 +2,10 @@
 
 from amaranth.hdl import DomainRenamer, Module, Signal
 from amaranth.lib import stream, wiring
+from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from .acquisition.addressed_camera import AddressedCamera
 from .acquisition.camera import Camera
 from .acquisition.frame_gate import FrameGate
 from .common.point_fifo import PointFIFO
@@ -12,17 +14,14 @@ from .link.points import Points
 from .link.quota import Quota
 from .link.transmitter import Transmitter
 from .payloads import Counts, FrameInfo, FrameTag, GreyPixel, PacketOctet, Point
-from .ports import REGISTERS
+from .ports import REGISTERS, hand_on
 
-__all__ = ["LINGER", "PORTS", "Periphery"]
+__all__ = ["LINGER", "PORTS", "Periphery", "camera_pins"]
 
 #: Clocks that the spot side goes on after the last sign of work: no block hides any for longer.
 LINGER = 127
-#: What goes through to pins, sequencer and host.
+#: What goes through to pins, sequencer and host, besides the camera's pins.
 PORTS = {
-    "frame_valid": In(1),
-    "line_valid": In(1),
-    "data": In(8),
     "tag": In(FrameTag),
     "tripped": In(1),
     "tables_valid": In(1),
@@ -34,12 +33,21 @@ PORTS = {
     "frame_begun": Out(1),
     "frame_ended": Out(1),
     "frame_broken": Out(1),
+    "frame_sending": Out(1),
     "bad_sync": Out(8),
     "overrun": Out(8),
     "skipped": Out(8),
     "packets": Out(16),
     "sending": Out(1),
 }
+
+
+def camera_pins(config):
+    """Members for the pins of the camera that ``config`` chooses, as that camera has them."""
+    if config.converter_latency is None:
+        return {"frame_valid": In(1), "line_valid": In(1), "data": In(8)}
+    return {"row": Out(range(config.height)), "column": Out(range(config.width)),
+            "convert": Out(1), "data": In(8), "sensor_read": In(1)}
 
 
 class Periphery(wiring.Component):
@@ -59,7 +67,7 @@ class Periphery(wiring.Component):
 
     Members
     -------
-    PORTS
+    camera_pins, PORTS
         See :class:`hdl.capsule.Capsule`.
     REGISTERS
         Those of ``registers``, see ``hdl/protocol.py``.
@@ -88,6 +96,7 @@ class Periphery(wiring.Component):
         check_config(config)
         self.config = config
         super().__init__({
+            **camera_pins(config),
             **PORTS,
             **self.registers,
             "o": Out(stream.Signature(GreyPixel)),
@@ -103,7 +112,8 @@ class Periphery(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        size = {"width": self.config.width, "height": self.config.height}
+        config = self.config
+        size = {"width": config.width, "height": config.height}
         spot_side = DomainRenamer("spot")
         register = {}
         for name, member in self.registers.items():
@@ -111,15 +121,24 @@ class Periphery(wiring.Component):
             m.d.sync += register[name].eq(getattr(self, name))
 
         # Acquisition.
-        m.submodules.camera = camera = Camera(**size)
+        bad_sync, overrun = Signal(8), Signal(8)
+        if config.converter_latency is None:
+            m.submodules.camera = camera = Camera(**size)
+            m.submodules.sending_synchronizer = FFSynchronizer(self.frame_valid, self.frame_sending)
+            m.d.comb += [bad_sync.eq(camera.bad_sync), overrun.eq(camera.overrun)]
+        else:
+            # Nothing can be lost there; only a new read-out ends a frame before its time.
+            m.submodules.camera = camera = AddressedCamera(
+                **size, latency=config.converter_latency, interval=config.converter_interval)
+            m.d.comb += self.frame_sending.eq(camera.sending)
+            with m.If(camera.o.valid & camera.o.ready & camera.o.p.mark.broken & ~bad_sync.all()):
+                m.d.sync += bad_sync.eq(bad_sync + 1)
+        hand_on(m, camera_pins(config), self, camera)
         m.submodules.frame_gate = gate = FrameGate()
         connect(m, camera.o, gate.i)
         connect(m, gate.o, flipped(self.o))
         connect(m, gate.info, flipped(self.info))
         m.d.comb += [
-            camera.frame_valid.eq(self.frame_valid),
-            camera.line_valid.eq(self.line_valid),
-            camera.data.eq(self.data),
             *(getattr(gate, name).eq(getattr(self, name))
               for name in ("tag", "tripped", "tables_valid", "level", "learnt")),
         ]
@@ -151,8 +170,8 @@ class Periphery(wiring.Component):
             transmitter.more.eq(point_fifo.o.valid),
             transmitter.divisor.eq(register["divisor"]),
             transmitter.texture_enable.eq(register["texture_enable"]),
-            transmitter.bad_sync.eq(camera.bad_sync),
-            transmitter.overrun.eq(camera.overrun),
+            transmitter.bad_sync.eq(bad_sync),
+            transmitter.overrun.eq(overrun),
             transmitter.cts.eq(self.cts),
             self.tx.eq(transmitter.tx),
             self.packets.eq(transmitter.packets),
@@ -185,8 +204,8 @@ class Periphery(wiring.Component):
             self.frame_begun.eq(beat & ~inside & ~mark.broken),
             self.frame_ended.eq(beat & mark.frame_end & ~mark.broken),
             self.frame_broken.eq(beat & mark.broken),
-            self.bad_sync.eq(camera.bad_sync),
-            self.overrun.eq(camera.overrun),
+            self.bad_sync.eq(bad_sync),
+            self.overrun.eq(overrun),
             self.skipped.eq(gate.lost),
         ]
         return m

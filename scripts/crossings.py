@@ -12,7 +12,7 @@ import json
 import re
 import sys
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from amaranth._toolchain.yosys import find_yosys
 from amaranth.back import rtlil
@@ -343,12 +343,16 @@ _PINS = {"frame_valid": "pixel_clk", "line_valid": "pixel_clk", "data": "pixel_c
          "rx": None, "cts": None}
 #: Designs whose crossings are listed, by name; any block's name will do besides.
 TOPS = {
-    "capsule": Top(lambda: Capsule(PRESETS["capsule"])),
-    "capsule, gated": Top(lambda: Capsule(PRESETS["capsule"], gated=True), {"spot_clk": "clk"}),
+    "capsule": Top(lambda: Capsule(PRESETS["capsule"]), pins=_PINS),
+    "capsule, gated": Top(
+        lambda: Capsule(PRESETS["capsule"], gated=True), {"spot_clk": "clk"}, _PINS),
     "instrument": Top(lambda: Instrument(PRESETS["capsule"]), pins=_PINS),
     "instrument, gated": Top(
         lambda: Instrument(PRESETS["capsule"], gated=True), {"spot_clk": "clk"}, _PINS),
-    "paper": Top(lambda: Paper(PRESETS["paper"])),
+    "instrument, converter": Top(
+        lambda: Instrument(replace(PRESETS["capsule"], converter_latency=4)),
+        pins={"rx": None, "cts": None}),
+    "paper": Top(lambda: Paper(PRESETS["paper"]), pins=_PINS),
     "instrument, paper, gated": Top(
         lambda: Instrument(PRESETS["paper"], gated=True), {"spot_clk": "clk"}, _PINS),
     "frame_memory": Top(lambda: FrameMemory(64, 64)),

@@ -1,6 +1,7 @@
 // The Verilated instrument as a plain C library: an imager at its sensor pins, a serial line at its
 // UART pins. No VPI. The imager integrates as the pins tell it, and asks for the picture by callback.
-// With PAPER defined it is of the preset paper, its memory beside it and its screen on.
+// With PAPER defined it is of the preset paper, its memory beside it and its screen on. With
+// CONVERTER_LATENCY the imager's pixels are addressed, and a converter takes so many clocks.
 #include "Vinstrument.h"
 #include "verilated.h"
 
@@ -41,6 +42,17 @@ struct Sensor {
         read_before = read;
     }
 
+#ifdef CONVERTER_LATENCY
+    uint8_t converted[CONVERTER_LATENCY + 1] = {};
+
+    // A clock of the converter: between results there is anything.
+    void convert(Vinstrument& top) {
+        std::memmove(converted + 1, converted, CONVERTER_LATENCY);
+        converted[0] = top.convert && reading ? grey[top.row * width + top.column]
+                                              : static_cast<uint8_t>(7 * converted[0] + 91);
+        top.data = converted[CONVERTER_LATENCY];
+    }
+#else
     // One pixel clock of the read-out.
     void pixel(Vinstrument& top) {
         top.frame_valid = reading;
@@ -56,6 +68,7 @@ struct Sensor {
             }
         }
     }
+#endif
 };
 
 struct Instrument {
@@ -100,11 +113,16 @@ struct Instrument {
         bool pixel = phase >= clock_hz;
         if (pixel) phase -= clock_hz;
 #ifdef PAPER
-        top.clk = top.pixel_clk = top.spot_clk = 0;
+        top.clk = top.spot_clk = 0;
+#ifndef CONVERTER_LATENCY
+        top.pixel_clk = 0;
+#endif
         top.eval();
         ram.look(top);
         top.clk = 1;
+#ifndef CONVERTER_LATENCY
         top.pixel_clk = pixel;
+#endif
         top.spot_clk = top.busy;
         top.eval();
         ram.look(top);
@@ -117,7 +135,9 @@ struct Instrument {
 #else
         // Every change of a clock is a rising edge here, see native.py.
         top.clk ^= 1;
+#ifndef CONVERTER_LATENCY
         if (pixel) top.pixel_clk ^= 1;
+#endif
         top.spot_clk ^= top.busy;
         top.eval();
 #endif
@@ -127,7 +147,11 @@ struct Instrument {
         pin = top.laser;
         if ((hold > 0) != light) light = hold > 0, pulses.push_back(clocks);
         sensor.expose(top.sensor_reset, top.sensor_integrate, top.sensor_read, light);
+#ifdef CONVERTER_LATENCY
+        sensor.convert(top);
+#else
         if (pixel) sensor.pixel(top);
+#endif
         listen();
         speak();
     }

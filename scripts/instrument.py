@@ -22,7 +22,9 @@ def _library(config):
         import hdl.instrument
 
         require_compiler()
-        clocks = {"sync": "clk", "pixel": "pixel_clk", "spot": "spot_clk"}
+        clocks = {"sync": "clk", "spot": "spot_clk"}
+        if config.converter_latency is None:
+            clocks["pixel"] = "pixel_clk"
         if paper:
             clocks["display"] = "display_clk"
         return clocked_verilog(
@@ -31,6 +33,8 @@ def _library(config):
 
     paper = config.preset == "paper"
     harness = (ROOT / "scripts" / "instrument.cpp").read_text()
+    if config.converter_latency is not None:
+        harness = f"#define CONVERTER_LATENCY {config.converter_latency}\n{harness}"
     if paper:
         harness = f"#define PAPER\n{(ROOT / 'scripts' / 'sram.hpp').read_text()}\n{harness}"
     return build("instrument", repr(config) + sources, verilog, harness)
@@ -47,9 +51,9 @@ class Instrument:
         Given the microseconds for which the imager integrated since its reset, and those of them
         in which the laser was lit: what the imager reads out, array (height, width) of uint8.
     pixel_hz : :class:`int`
-        Clock of the imager, at most that of the system.
+        Clock of the imager, at most that of the system; addressed pixels need none.
     line_blanking : :class:`int`
-        Pixel clocks without a pixel after a line.
+        Pixel clocks without a pixel after a line; likewise.
     """
 
     def __init__(self, config, picture, pixel_hz=8_000_000, line_blanking=0):

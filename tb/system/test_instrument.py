@@ -49,6 +49,22 @@ def test_pairs_reach_the_reader(seed, blanking, full_records):
     assert bench.decoder.packets > len(bench.frames) + 2 * len(bench.textures)
 
 
+@pytest.mark.parametrize("latency", [1, 9])
+def test_addressed_pixels(latency):
+    """The same of an imager whose pixels are converted one by one."""
+    config = replace(SMALL, converter_latency=latency)
+    images = [random_frame(64, 64, 70 + n) for n in range(6)]
+    texture = np.random.default_rng(latency).integers(0, 256, (64, 64)).astype(np.uint8)
+    bench = Whole(config, small(3), images, texture, mode=Mode.CONTINUOUS)
+    bench.run(7.5 * PERIOD_US)
+    bench.assert_link_is_clean()
+    bench.assert_frames_are_the_model_s()
+    assert bench.assert_light_is_safe() >= 5
+    lit = [frame for frame in bench.frames if frame.laser]
+    assert len(lit) >= 5 and set(np.diff([frame.timestamp_us for frame in lit])) == {PERIOD_US}
+    assert len(bench.textures) >= 4 and bench.commands.status()["bad_sync"] == 0
+
+
 @pytest.mark.parametrize("kind", ["isolated pixels", "white", "black", "largest areas", "points"])
 def test_video_rate(kind):
     """25 pairs a second at CIF, pixels at 8 MHz, the system at 16 MHz, 115,200 baud: a pattern

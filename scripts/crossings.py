@@ -339,20 +339,20 @@ def explain(found, listed=LISTED):
             for each in found]
 
 
-_PINS = {"frame_valid": "pixel_clk", "line_valid": "pixel_clk", "data": "pixel_clk",
-         "rx": None, "cts": None}
+_CAMERA = dict.fromkeys(("frame_valid", "line_valid", "data"), "pixel_clk")
+_PINS = {**_CAMERA, "rx": None, "cts": None}
 #: Designs whose crossings are listed, by name; any block's name will do besides.
 TOPS = {
-    "capsule": Top(lambda: Capsule(PRESETS["capsule"]), pins=_PINS),
+    "capsule": Top(lambda: Capsule(PRESETS["capsule"]), pins=_CAMERA),
     "capsule, gated": Top(
-        lambda: Capsule(PRESETS["capsule"], gated=True), {"spot_clk": "clk"}, _PINS),
+        lambda: Capsule(PRESETS["capsule"], gated=True), {"spot_clk": "clk"}, _CAMERA),
     "instrument": Top(lambda: Instrument(PRESETS["capsule"]), pins=_PINS),
     "instrument, gated": Top(
         lambda: Instrument(PRESETS["capsule"], gated=True), {"spot_clk": "clk"}, _PINS),
     "instrument, converter": Top(
         lambda: Instrument(replace(PRESETS["capsule"], converter_latency=4)),
         pins={"rx": None, "cts": None}),
-    "paper": Top(lambda: Paper(PRESETS["paper"]), pins=_PINS),
+    "paper": Top(lambda: Paper(PRESETS["paper"]), pins=_CAMERA),
     "instrument, paper, gated": Top(
         lambda: Instrument(PRESETS["paper"], gated=True), {"spot_clk": "clk"}, _PINS),
     "frame_memory": Top(lambda: FrameMemory(64, 64)),

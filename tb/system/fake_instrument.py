@@ -37,7 +37,7 @@ def any_calibration(width=64, height=64, rows=3, columns=3, seed=1, **changes):
 
 def images(count=8, width=64, height=64):
     """Pattern frames that :func:`any_calibration` finds points in."""
-    return [spot_frame(width, height, seed, spots=9) for seed in range(count)]
+    return [spot_frame(width, height, seed, spots=30) for seed in range(count)]
 
 
 def _unstuffed(piece):
@@ -96,6 +96,10 @@ class FakeInstrument:
         self._wire, self._pending, self._out = Wire(), b"", b""
         self._row, self._model, self._rng = 0, None, np.random.default_rng(1)
 
+    def pattern(self, number):
+        """Which of the images frame ``number`` is."""
+        return number // 2 % len(self.shown)
+
     def send(self, octets):
         """Octets from the host."""
         *pieces, self._pending = (self._pending + octets).split(b"\0")
@@ -134,7 +138,7 @@ class FakeInstrument:
         state = capture << 4 | bool(self.guard_causes) << 5 | self.valid << 6
         if self._model is None:
             self._model = Capsule(self._settings(), self.width, self.height)
-        seen = self._model.frame(self.shown[self.number // 2 % len(self.shown)])
+        seen = self._model.frame(self.shown[self.pattern(self.number)])
         frame = make_frame(
             seen.points, self.number, rejected=seen.rejected, level=int(seen.level),
             exposure_us=self.registers["pattern_us"], timestamp_us=self._next,

@@ -22,6 +22,7 @@ from scripts.recorder import MISMATCH, Texture
 from scripts.terminal import Terminal
 from tb.link.wire import Wire, make_frame
 from tb.system.fake_instrument import FakeInstrument, any_calibration, images
+from tb.system.played_instrument import PlayedInstrument
 
 TEXTURE = np.random.default_rng(1).integers(0, 256, (64, 64), np.uint8)
 
@@ -34,15 +35,24 @@ def open_fake(calibration, shown, speed=8.0, **choices):
         yield terminal
 
 
+@contextmanager
+def open_rtl(calibration, shown):
+    """The Verilated instrument behind a pseudo-terminal, as fast as it goes."""
+    with Terminal(PlayedInstrument(shown, TEXTURE), step_us=250, speed=None) as terminal:
+        yield terminal
+
+
+#: The shortest period that the laser guard bears: less to simulate.
+QUICK = ("--period-us", "20000")
 #: What the reader is tested against: a context manager, given the calibration and the frames to
 #: show, of something with the members of :class:`scripts.terminal.Terminal`.
-INSTRUMENTS = {"fake": open_fake}
+INSTRUMENTS = {"fake": open_fake, "rtl": open_rtl}
 
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory):
     """Calibration of a small sensor, and the file that holds it."""
-    calibration = any_calibration()
+    calibration = any_calibration(rows=4, columns=4)
     path = tmp_path_factory.mktemp("rig") / "calibration.json"
     file.save(calibration, path)
     return calibration, path
@@ -52,6 +62,13 @@ def rig(tmp_path_factory):
 def terminal(rig):
     """A fake instrument that nothing was loaded into."""
     with open_fake(rig[0], images()) as opened:
+        yield opened
+
+
+@pytest.fixture(params=INSTRUMENTS)
+def each_terminal(request, rig):
+    """Each of the instruments in turn; nothing was loaded into it."""
+    with INSTRUMENTS[request.param](rig[0], images()) as opened:
         yield opened
 
 
@@ -86,40 +103,41 @@ def expected(points, index, calibration):
              str(point["area"]), *(f"{point[name]:.4f}" for name in "xyz")) for point in located]
 
 
-@pytest.mark.parametrize("kind", INSTRUMENTS)
-def test_load_run_receive_replay(kind, rig, tmp_path, capsys):
+def truth(instrument, numbers, calibration):
+    """What the model finds in frames: rows of points.csv, by the frame."""
+    from model.capsule import Capsule
+    model = Capsule(calibration.settings, 64, 64)
+    found = [model.frame(image).points for image in instrument.shown]
+    found = [points[points["status"] == 0] for points in found]
+    return {number: expected(found[instrument.pattern(number)], number, calibration)
+            for number in numbers}
+
+
+def test_load_run_receive_replay(each_terminal, rig, tmp_path, capsys):
     """All of it: what arrives is what the model makes of the same frames with the same tables."""
-    calibration, path = rig
-    shown = images()
+    (calibration, path), terminal = rig, each_terminal
     out, again = tmp_path / "out", tmp_path / "again"
-    with INSTRUMENTS[kind](calibration, shown) as terminal:
-        assert run("load", terminal.path, path, "--start", "--pattern-us", "400") == 0
-        told = capsys.readouterr().out
-        assert "tables: valid" in told and "laser: armed" in told and "mode: continuous" in told
-        assert run("status", terminal.path, "--registers") == 0
-        told = capsys.readouterr().out
-        assert "64 x 64" in told and "continuous" in told and "armed" in told
-        assert run("receive", terminal.path, "--calibration", path, "-o", out, "--frames",
-                   "40") == 0
-        assert "40 frames" in capsys.readouterr().out
+    assert run("load", terminal.path, path, "--start", "--pattern-us", "400", *QUICK) == 0
+    told = capsys.readouterr().out
+    assert "tables: valid" in told and "laser: armed" in told and "mode: continuous" in told
+    assert run("status", terminal.path, "--registers") == 0
+    told = capsys.readouterr().out
+    assert "64 x 64" in told and "continuous" in told and "armed" in told
+    count = 30
+    assert run("receive", terminal.path, "--calibration", path, "-o", out, "--frames", count) == 0
+    assert f"{count} frames" in capsys.readouterr().out
     frames = rows(out / "frames.csv")
     patterns = [row for row in frames if row["kind"] == "pattern"]
-    assert len(patterns) == 40 and len(frames) >= 78
+    assert len(patterns) == count and len(frames) >= 2 * count - 2
     numbers = [int(row["number"]) for row in patterns]
-    assert numbers == list(range(numbers[0], numbers[0] + 80, 2))
+    assert numbers == list(range(numbers[0], numbers[0] + 2 * count, 2))
     assert {(row["laser"], row["exposure_us"], row["check"], row["lost_packets"])
             for row in patterns[1:]} == {("on", "400", "ok", "0")}
     assert {row["laser"] for row in frames if row["kind"] == "texture"} == {"off"}
     times = [int(row["timestamp_us"]) for row in frames]
     assert times == sorted(times)
 
-    from model.capsule import Capsule
-    model = Capsule(calibration.settings, 64, 64)
-    truth = [model.frame(image).points for image in shown]
-    wanted = []
-    for number in numbers:
-        points = truth[number // 2 % len(shown)]
-        wanted += expected(points[points["status"] == 0], number, calibration)
+    wanted = sum(truth(terminal.instrument, numbers, calibration).values(), [])
     got = [tuple(row.values()) for row in rows(out / "points.csv") if row["status"] == "ok"]
     assert len(got) > 100 and [row[:-1] for row in got] == wanted
     header = (out / "points.ply").read_text().split("end_header\n")
@@ -133,24 +151,64 @@ def test_load_run_receive_replay(kind, rig, tmp_path, capsys):
     assert contents(out) == contents(again)
 
 
-def test_load_stops_and_goes_on(terminal, rig, capsys):
+def test_load_stops_and_goes_on(each_terminal, rig, capsys):
     """Without a mode the chip goes on as it was; without a calibration only the rest is done."""
-    fake = terminal.instrument
+    terminal = each_terminal
+
+    def registers(*names):
+        with port.open_port(terminal.path) as opened:
+            asking = Commands(opened)
+            return [asking.read(name) for name in names]
+
     assert run("load", terminal.path, rig[1]) == 0
-    assert fake.registers["mode"] == Mode.STOP
+    assert registers("mode") == [Mode.STOP]
     assert "mode: stopped" in capsys.readouterr().out
     assert run("load", terminal.path, "--pattern-only") == 0
-    assert fake.registers["mode"] == Mode.PATTERN
+    assert registers("mode") == [Mode.PATTERN]
     assert run("load", terminal.path, rig[1], "--register", "full_records=1") == 0
-    assert fake.registers["mode"] == Mode.PATTERN and fake.registers["full_records"] == 1
-    for name, value in rig[0].settings.registers().items():
-        assert fake.registers[name] & 0x3FFFF == value, name
+    assert registers("mode", "full_records") == [Mode.PATTERN, 1]
+    wanted = rig[0].settings.registers()
+    for (name, value), got in zip(wanted.items(), registers(*wanted), strict=True):
+        assert got & 0x3FFFF == value, name
     assert run("load", terminal.path, "--single") == 0
     assert run("load", terminal.path, "--stop", "--texture-us", "1234", "--period-us",
                "50000") == 0
     assert "texture_us = 1234" in capsys.readouterr().out
-    assert fake.registers["mode"] == Mode.STOP
-    assert (fake.registers["texture_us"], fake.registers["period_us"]) == (1234, 50_000)
+    assert registers("mode", "texture_us", "period_us") == [Mode.STOP, 1234, 50_000]
+
+
+def test_the_guard_s_causes_are_told(rig, tmp_path, capsys):
+    """Light for longer than the ceiling is cut, flagged in the frames, and told until cleared."""
+    with open_rtl(rig[0], images()) as terminal:
+        loaded(terminal, rig, "--start", "--pattern-us", "2500", *QUICK)
+        assert run("receive", terminal.path, "--calibration", rig[1], "-o", tmp_path / "out",
+                   "--frames", "6") == 0
+        last = rows(tmp_path / "out" / "frames.csv")[-1]
+        assert "tripped" in last["flags"].split()
+        capsys.readouterr()
+        assert run("status", terminal.path) == 0
+        assert "a pulse longer than the ceiling" in " ".join(capsys.readouterr().out.split())
+        assert run("load", terminal.path, "--pattern-us", "500", "--stop") == 0
+        assert "the guard saw" in capsys.readouterr().out
+        assert run("load", terminal.path, "--clear", "--start") == 0
+        assert "laser: armed\n" in capsys.readouterr().out
+
+
+def test_a_capture_lights_the_laser(rig, tmp_path, capsys):
+    """Without tables there is light only for as long as the capture was allowed to last."""
+    with open_rtl(rig[0], images()) as terminal:
+        assert run("load", terminal.path, "--capture-ms", "60000", "--start", *QUICK) == 0
+        assert "laser: armed by the calibration capture" in capsys.readouterr().out
+        out = tmp_path / "out"
+        assert run("receive", terminal.path, "--calibration", rig[1], "-o", out, "--frames",
+                   "6") == 0
+        last = [row for row in rows(out / "frames.csv") if row["kind"] == "pattern"][-1]
+        assert last["laser"] == "on" and last["flags"] == "capture"
+        capsys.readouterr()
+        assert run("load", terminal.path, "--capture-ms", "0", "--stop") == 0
+        told = capsys.readouterr().out
+        assert "laser: disarmed: there are no valid tables" in told
+        assert "tables: none that are valid" in told
 
 
 def test_capture_and_causes(terminal, capsys):
@@ -184,13 +242,13 @@ def test_bad_values_never_reach_the_chip(words, sentence, terminal, capsys):
 
 
 @pytest.mark.parametrize("beams, size, versions, sentence", [
-    (9, (64, 48), (2, 1), "The calibration is for a sensor of 64 x 64 pixels, the chip has one of "
+    (16, (64, 48), (2, 1), "The calibration is for a sensor of 64 x 64 pixels, the chip has one of "
      "48 x 64: calibrate this rig."),
-    (16, (64, 64), (2, 1), "The calibration has 9 beams, the chip is made for 16: calibrate this "
+    (9, (64, 64), (2, 1), "The calibration has 16 beams, the chip is made for 9: calibrate this "
      "rig."),
-    (9, (64, 64), (3, 1), "The chip speaks version 3 of the protocol, this program version 2: use "
+    (16, (64, 64), (3, 1), "The chip speaks version 3 of the protocol, this program version 2: use "
      "the program of the chip's version."),
-    (9, (64, 64), (2, 9), "The chip takes tables of version 9, this program has those of version "
+    (16, (64, 64), (2, 9), "The chip takes tables of version 9, this program has those of version "
      "1: use the program of the chip's version.")])
 def test_other_chips_are_refused(beams, size, versions, sentence, rig, tmp_path, capsys):
     """Before anything is changed, and by the receiver before anything is written."""
@@ -204,12 +262,24 @@ def test_other_chips_are_refused(beams, size, versions, sentence, rig, tmp_path,
     assert list(tmp_path.iterdir()) == []
 
 
-def test_whole_images_are_not_corrected_by_every_chip(terminal, tmp_path, capsys):
-    calibration = any_calibration(remap=tuple(range(64 * 64)))
+@pytest.mark.parametrize("choices, sentence", [
+    ({"width": 48}, "The calibration is for a sensor of 48 x 64 pixels, the chip has one of "
+     "64 x 64: calibrate this rig."),
+    ({"rows": 3}, "The calibration has 12 beams, the chip is made for 16: calibrate this rig."),
+    ({"remap": tuple(range(64 * 64))},
+     "The calibration is for a chip that corrects whole images")])
+def test_calibrations_for_other_chips_are_refused(choices, sentence, each_terminal, tmp_path,
+                                                  capsys):
+    """Before anything is changed, and by the receiver before anything is written."""
     path = tmp_path / "calibration.json"
-    file.save(calibration, path)
-    assert run("load", terminal.path, path) == 2
-    assert said(capsys).startswith("The calibration is for a chip that corrects whole images")
+    file.save(any_calibration(**{"rows": 4, "columns": 4, **choices}), path)
+    assert run("load", each_terminal.path, path, "--start") == 2
+    assert said(capsys).startswith(sentence)
+    assert run("receive", each_terminal.path, "--calibration", path, "-o", tmp_path / "out") == 2
+    assert said(capsys).startswith(sentence)
+    assert run("status", each_terminal.path) == 0
+    told = capsys.readouterr().out.split()
+    assert "stopped" in told and "none" in told and not (tmp_path / "out").exists()
 
 
 def test_versions_agree():
@@ -225,31 +295,33 @@ def commands(terminal, **choices):
         yield Commands(opened, **{"timeout": 0.15, "patience": 0.3, **choices})
 
 
-@pytest.mark.parametrize("fault", ["deaf", "damaging", "mute", "busy"])
-@pytest.mark.parametrize("at", [0, 1, 40, 80, *range(109, 113)])
-def test_a_lost_command_or_answer_is_sent_again(fault, at, rig):
+@pytest.mark.parametrize("kind, fault, at", [
+    *(("fake", fault, at) for fault in ("deaf", "damaging", "mute", "busy")
+      for at in (0, 1, 40, 80, *range(111, 115))),
+    *(("rtl", fault, at) for fault in ("deaf", "damaging", "mute") for at in (40, 113))])
+def test_a_lost_command_or_answer_is_sent_again(kind, fault, at, rig):
     """Whichever it is, the tables are loaded in the end."""
-    calibration, path = rig
-    with open_fake(calibration, images(), speed=30.0) as terminal:
-        fake, count = terminal.instrument, 0
-        hear = fake._hear
+    calibration, _ = rig
+    with INSTRUMENTS[kind](calibration, images()) as terminal:
+        instrument, count = terminal.instrument, 0
+        hear = instrument._hear
 
         def counted(content):
             nonlocal count
             if count == at:
-                setattr(fake, fault, 2)
+                setattr(instrument, fault, 2)
             count += 1
             hear(content)
 
-        fake._hear = counted
+        instrument._hear = counted
         from scripts.load import load
-        with commands(terminal, timeout=0.08, patience=5.0) as asking:
+        with commands(terminal, timeout=0.08 if kind == "fake" else 0.5, patience=5.0) as asking:
             load(asking, calibration)
             asking.write("mode", Mode.CONTINUOUS)
             end = time.monotonic() + 5
-            while not asking.status()["state"].tables_valid and time.monotonic() < end:
+            while not (valid := asking.status()["state"].tables_valid) and time.monotonic() < end:
                 pass
-        assert fake.valid and getattr(fake, fault) == 0 and count > at + 2
+        assert valid and getattr(instrument, fault) == 0 and count > at + 2
 
 
 def test_no_answer_is_told_apart(rig):
@@ -286,10 +358,9 @@ def test_every_reason_has_a_sentence(reason):
     assert "reason 99, which this program does not know." in str(RefusedError("this", 99))
 
 
-def test_reasons_come_through(rig):
+def test_reasons_come_through(each_terminal):
     """Each refusal that a host can provoke, from the chip to the sentence."""
-    calibration, _ = rig
-    with open_fake(calibration, images()) as terminal, commands(terminal) as asking:
+    with commands(each_terminal, timeout=0.5) as asking:
         words = {name: [0] * 9 for name in ("depth", "reciprocal", "radial", "beams")}
         table = next(each for each, _, _ in asking.chunks(words) if each.name == "reciprocal")
         for reason, provoke in {
@@ -298,8 +369,8 @@ def test_reasons_come_through(rig):
                 Reason.UNKNOWN_REGISTER: lambda: asking.ask(Command.READ, b"\xff"),
                 Reason.OUT_OF_RANGE: lambda: asking.write("area_min", 0),
                 Reason.NO_BEGIN: lambda: asking.commit(words),
-                Reason.OTHER_SENSOR: lambda: asking.begin(64, 64, 8),
-                Reason.DAMAGED_TABLE: lambda: (asking.begin(64, 64, 9), asking.commit(words)),
+                Reason.OTHER_SENSOR: lambda: asking.begin(64, 64, 15),
+                Reason.DAMAGED_TABLE: lambda: (asking.begin(64, 64, 16), asking.commit(words)),
                 Reason.UNKNOWN_TABLE: lambda: asking.ask(Command.READ_TABLE, b"\x09\0\0\1"),
                 Reason.NOT_STOPPED: lambda: (asking.write("mode", 1),
                                              asking.write_table(table, 0, [1]))}.items():
@@ -370,29 +441,29 @@ def test_seconds(terminal, rig, tmp_path):
     assert int(short[-2]["timestamp_us"]) - first < 400_000
 
 
-def test_noise_is_counted_and_hurts_nothing(terminal, rig, tmp_path, capsys):
+def test_noise_is_counted_and_hurts_nothing(each_terminal, rig, tmp_path, capsys):
     """Whatever arrives through a bad line was sent."""
-    loaded(terminal, rig)
-    fake = terminal.instrument
-    fake.noise = 5e-4
+    terminal = each_terminal
+    loaded(terminal, rig, "--start", *QUICK)
+    terminal.instrument.noise = 5e-4
     out = tmp_path / "out"
-    assert run("receive", terminal.path, "--calibration", rig[1], "-o", out, "--frames", "60") == 0
+    assert run("receive", terminal.path, "--calibration", rig[1], "-o", out, "--frames", "24") == 0
     assert "packets lost" in capsys.readouterr().out
     lost = sum(int(row["lost_packets"] or 0) for row in rows(out / "frames.csv"))
     assert lost > 5
-    truth = {row for number, frame in list(fake.sent.items()) for row in expected(
-        frame["points"][frame["points"]["status"] == 0], number, rig[0])}
     got = [tuple(row.values()) for row in rows(out / "points.csv")]
     ok = [row[:-1] for row in got if row[-1] == "ok"]
-    assert len(ok) > 50 and set(ok) <= truth
+    sent = truth(terminal.instrument, {int(row[0]) for row in ok}, rig[0])
+    assert len(ok) > 50 and set(ok) <= set(sum(sent.values(), []))
     assert run("receive", out / "link.raw", "--calibration", rig[1], "-o", tmp_path / "two") == 0
     assert contents(out) == contents(tmp_path / "two")
 
 
-def test_records_need_no_calibration(terminal, rig, tmp_path, capsys):
+def test_records_need_no_calibration(each_terminal, rig, tmp_path, capsys):
     """With records beam and check are there, and with the calibration so is the place."""
+    terminal = each_terminal
     loaded(terminal, rig, "--pattern-only", "--register", "full_records=1", "--register",
-           "report_rejected=1")
+           "report_rejected=1", *QUICK)
     out = tmp_path / "out"
     assert run("receive", terminal.path, "-o", out, "--frames", "16") == 0
     got = rows(out / "points.csv")
@@ -407,11 +478,12 @@ def test_records_need_no_calibration(terminal, rig, tmp_path, capsys):
     assert places and all(row["z_mm"] for row in places)
 
 
-def test_another_calibration_is_noticed(terminal, rig, tmp_path, capsys):
+def test_another_calibration_is_noticed(each_terminal, rig, tmp_path, capsys):
     """Points of a chip that was loaded with something else have no place."""
-    loaded(terminal, rig)
+    terminal = each_terminal
+    loaded(terminal, rig, "--start", *QUICK)
     other = tmp_path / "other.json"
-    file.save(any_calibration(seed=2), other)
+    file.save(any_calibration(rows=4, columns=4, seed=2), other)
     out = tmp_path / "out"
     capsys.readouterr()
     assert run("receive", terminal.path, "--calibration", other, "-o", out, "--frames", "10") == 0
@@ -497,8 +569,8 @@ def test_silence_is_told(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_stopped_chip_is_told(terminal, tmp_path, capsys):
-    assert run("receive", terminal.path, "-o", tmp_path / "out", "--seconds", "0.5") == 0
+def test_a_stopped_chip_is_told(each_terminal, tmp_path, capsys):
+    assert run("receive", each_terminal.path, "-o", tmp_path / "out", "--seconds", "0.5") == 0
     assert "no frame came: `cyclope load PORT --start` starts the chip" in capsys.readouterr().out
 
 

@@ -1,5 +1,6 @@
 """What `make synth-export` writes is legal everywhere, and the design stays small."""
 
+import fcntl
 import os
 import re
 import shutil
@@ -24,10 +25,17 @@ NAMES = [block.name for block in PRESENT]
 
 @pytest.fixture(scope="session")
 def exported():
-    """The folder of a whole export, one for each worker."""
-    folder = ROOT / "build" / "test" / f"export-{os.environ.get('PYTEST_XDIST_WORKER', 'main')}"
+    """The folder of a whole export, made anew in each run by the first worker that wants it."""
+    folder = ROOT / "build" / "test" / "export"
     folder.parent.mkdir(parents=True, exist_ok=True)
-    export.export(folder)
+    run = os.environ.get("PYTEST_XDIST_TESTRUNUID", "")
+    with open(folder.with_name(".export.run"), "a+") as made:
+        fcntl.flock(made, fcntl.LOCK_EX)
+        made.seek(0)
+        if not run or made.read() != run:
+            made.truncate(0)
+            export.export(folder)
+            made.write(run)
     return folder
 
 

@@ -13,6 +13,8 @@ __all__ = ["ROOT", "build", "clocked_verilog"]
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "native"
+#: What makes a library of its sources; it has to be made again when they change.
+_MAKERS = (Path(__file__), ROOT / "scripts" / "verilator.py", ROOT / "requirements.txt")
 #: Memories that begin as zero, a line for each word: Verilator clears what has no value anyway.
 _ZERO = re.compile(r"^  initial begin\n(?:    \S+ ?\[\d+\] = \d+'h0+;\n)+  end\n", re.MULTILINE)
 _PIC = "-fPIC -fno-semantic-interposition -std=c++17"
@@ -90,21 +92,32 @@ def build(name, key, verilog, harness, optimise=True):
     RuntimeError
         If a step fails; what it printed is in ``build.log`` in the library's folder.
     """
-    digest = hashlib.sha256((key + harness).encode()).hexdigest()[:16]
-    folder = BUILD / f"{name}-{digest}"
-    library = folder / f"lib{name}.so"
-    if library.exists():
-        return library
+    def make(folder):
+        (folder / f"{name}.v").write_text(_ZERO.sub("", verilog()))
+        (folder / "harness.cpp").write_text(harness)
+        return _compile(folder, name, optimise)
+
+    return _made(name, (key, harness, str(optimise)), f"lib{name}.so", make)
+
+
+def _made(name, key, result, make):
+    """Path of the file ``result`` in the folder of ``name`` and ``key``.
+
+    If it is not there, ``make(folder)`` gives the path of a file that becomes it.
+    """
+    digest = hashlib.sha256("\0".join((*key, *(file.read_text() for file in _MAKERS))).encode())
+    folder = BUILD / f"{name}-{digest.hexdigest()[:16]}"
+    path = folder / result
+    if path.exists():
+        return path
     folder.parent.mkdir(parents=True, exist_ok=True)
     with open(folder.parent / f".{folder.name}.lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not library.exists():
+        if not path.exists():
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir()
-            (folder / f"{name}.v").write_text(_ZERO.sub("", verilog()))
-            (folder / "harness.cpp").write_text(harness)
-            _compile(folder, name, optimise).rename(library)
-    return library
+            make(folder).rename(path)
+    return path
 
 
 def _compile(folder, name, optimise):

@@ -137,9 +137,12 @@ def test_load_run_receive_replay(each_terminal, rig, tmp_path, capsys):
     times = [int(row["timestamp_us"]) for row in frames]
     assert times == sorted(times)
 
+    # The reader may come in the middle of the first frame.
+    first = numbers[0] if patterns[0]["check"] == "ok" else numbers[1]
     wanted = sum(truth(terminal.instrument, numbers, calibration).values(), [])
     got = [tuple(row.values()) for row in rows(out / "points.csv") if row["status"] == "ok"]
-    assert len(got) > 100 and [row[:-1] for row in got] == wanted
+    assert len(got) > 100 and [row[:-1] for row in got if int(row[0]) >= first] == [
+        row for row in wanted if int(row[0]) >= first]
     header = (out / "points.ply").read_text().split("end_header\n")
     assert f"element vertex {len(got)}" in header[0] and header[1].count("\n") == len(got)
     textures = sorted((out / "texture").iterdir())
@@ -469,7 +472,8 @@ def test_records_need_no_calibration(each_terminal, rig, tmp_path, capsys):
     got = rows(out / "points.csv")
     assert {row["status"] for row in got} > {"ok", "rejected"}
     assert all(row["beam"] and not row["z_mm"] for row in got if row["status"] == "ok")
-    assert {row["check"] for row in rows(out / "frames.csv")} == {"ok"}
+    # The reader may come in the middle of the first frame.
+    assert {row["check"] for row in rows(out / "frames.csv")[1:]} == {"ok"}
     assert {row["kind"] for row in rows(out / "frames.csv")} == {"pattern"}
     assert not (out / "texture.png").exists()
     again = tmp_path / "again"
@@ -487,7 +491,9 @@ def test_another_calibration_is_noticed(each_terminal, rig, tmp_path, capsys):
     out = tmp_path / "out"
     capsys.readouterr()
     assert run("receive", terminal.path, "--calibration", other, "-o", out, "--frames", "10") == 0
-    assert f"! 10 frames whose check failed: {MISMATCH}." in capsys.readouterr().out
+    told = capsys.readouterr().out
+    # The reader may come in the middle of the first frame, whose check then says nothing.
+    assert any(f"! {count} frames whose check failed: {MISMATCH}." in told for count in (9, 10))
     assert {row["check"] for row in rows(out / "frames.csv") if row["ok"]} == {"failed"}
     assert {(row["status"], row["beam"], row["z_mm"]) for row in rows(out / "points.csv")} <= {
         ("unverified", "", ""), ("noise", "", ""), ("ambiguous", "", ""), ("rejected", "", "")}

@@ -2,6 +2,7 @@
 
 import pickle
 import tempfile
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,6 +20,11 @@ __all__ = ["cocotb_speed", "show"]
 _TIMING = ("--timing", "-CFLAGS", "-std=c++20")
 
 
+@cache
+def _capsule(config, gated):
+    return to_fast_verilog(Capsule(config, gated), "capsule")
+
+
 def show(request, config, settings, images, divisor=1, gated=True, **sensor):
     """Show frames to the RTL under cocotb.
 
@@ -31,7 +37,7 @@ def show(request, config, settings, images, divisor=1, gated=True, **sensor):
     settings : :class:`model.settings.Settings`
         Registers and tables.
     images : sequence of array (height, width) of uint8
-        Frames.
+        Frames, as many as ``rig.v`` has room for or fewer.
     divisor : :class:`int`
         Clocks per bit of the serial line.
     gated : :class:`bool`
@@ -45,9 +51,8 @@ def show(request, config, settings, images, divisor=1, gated=True, **sensor):
     """
     texts = {
         "rig.v": (Path(__file__).parent / "rig.v").read_text(),
-        "capsule.v": to_fast_verilog(Capsule(config, gated), "capsule")}
-    for name, value in (("WIDTH", config.width), ("HEIGHT", config.height),
-                        ("FRAMES", len(images))):
+        "capsule.v": _capsule(config, gated)}
+    for name, value in (("WIDTH", config.width), ("HEIGHT", config.height)):
         head, _, rest = texts["rig.v"].partition(f"parameter {name} = ")
         end = len(rest) - len(rest.lstrip("0123456789"))
         texts["rig.v"] = f"{head}parameter {name} = {value}{rest[end:]}"

@@ -9,14 +9,14 @@ from pathlib import Path
 
 from scripts.verilator import verilator_environment
 
-__all__ = ["ROOT", "build", "clocked_verilog"]
+__all__ = ["ROOT", "ZEROS", "build", "clocked_verilog"]
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "native"
 #: What makes a library of its sources; it has to be made again when they change.
 _MAKERS = (Path(__file__), ROOT / "scripts" / "verilator.py", ROOT / "requirements.txt")
 #: Memories that begin as zero, a line for each word: Verilator clears what has no value anyway.
-_ZERO = re.compile(r"^  initial begin\n(?:    \S+ ?\[\d+\] = \d+'h0+;\n)+  end\n", re.MULTILINE)
+ZEROS = re.compile(r"^  initial begin\n(?:    \S+ ?\[\d+\] = \d+'h0+;\n)+  end\n", re.MULTILINE)
 _PIC = "-fPIC -fno-semantic-interposition -std=c++17"
 
 
@@ -93,7 +93,7 @@ def build(name, key, verilog, harness, optimise=True):
         If a step fails; what it printed is in ``build.log`` in the library's folder.
     """
     def make(folder):
-        (folder / f"{name}.v").write_text(_ZERO.sub("", verilog()))
+        (folder / f"{name}.v").write_text(ZEROS.sub("", verilog()))
         (folder / "harness.cpp").write_text(harness)
         return _compile(folder, name, optimise)
 

@@ -15,7 +15,7 @@ from hdl.payloads import Counts, FrameInfo, GreyPixel, MemoryCommand, Point
 from model.link.points import POINT
 from model.preprocessing.remap import pack_remap
 from scripts.native import ROOT
-from tb.native_block import NativeBlock, pack, unpack
+from tb.native_block import Beats, NativeBlock, pack, unpack
 from tb.preprocessing.frames import BROKEN_GREY, grey_words
 
 __all__ = ["Measured", "PaperBench", "frames_of"]
@@ -199,8 +199,16 @@ class PaperBench:
 
     def measure(self, image, **stream):
         """Stream a frame and give what comes of it, see :class:`Measured`."""
-        beats = self.show(image, idle=4 * image.size + 60_000, **stream)
-        measured, = frames_of(beats)
+        nothing = np.zeros((0, 1), np.uint32)
+        limit = self.block.clocks + 4 * image.size + 60_000
+        beats, ended = [self.show(image, **stream)], False
+        while self.block.clocks < limit and not (ended and self.block.get("idle")):
+            beats.append(self.block.stream(nothing, idle=4000))
+            fields = beats[-1].fields(Outward)
+            ended |= ((fields["kind"] == _POINT) & (fields["point_end"] == 1)).any()
+        beats.append(self.block.stream(nothing, idle=100))  # whatever is still on its way
+        measured, = frames_of(Beats(*(np.concatenate([getattr(some, name) for some in beats])
+                                      for name in ("words", "clocks", "taken"))))
         return measured
 
 

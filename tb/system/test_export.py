@@ -16,6 +16,7 @@ from hdl.protocol import TABLES
 from model.settings import Settings
 from scripts import export, size
 from scripts.blocks import BLOCKS, ROOT, TOP, WHOLES, Block, find, present
+from scripts.native import ZEROS
 from tb.hdlsim import WAIVERS, prepare_environment, require_ghdl
 
 PRESENT = present()
@@ -105,10 +106,15 @@ def test_tables_name_every_port_and_memory(exported, block):
 
 
 @pytest.mark.parametrize("block", PRESENT, ids=NAMES)
-def test_verilog_is_clean(exported, block):
-    """Nothing but what Amaranth's way of writing Verilog explains is waived."""
+def test_verilog_is_clean(exported, block, tmp_path):
+    """Nothing but what Amaranth's way of writing Verilog explains is waived.
+
+    Memories of zeros have a line for each word, half a million in all, which are left out here.
+    """
     prepare_environment()
-    file = exported / "verilog" / f"{block.name}.v"
+    file = tmp_path / "verilog" / f"{block.name}.v"
+    file.parent.mkdir()
+    file.write_text(ZEROS.sub("", text_of(exported, block)))
     answer = subprocess.run(
         ["verilator", "--lint-only", "-Wall", "--top-module", block.name, WAIVERS,
          Path(__file__).with_name("export.vlt"), file], capture_output=True, text=True)
@@ -259,10 +265,9 @@ def test_synthesis_fault_is_told():
 
 
 @pytest.mark.parametrize("name", sorted(size.LIMITS))
-def test_size_is_within_its_limits(name):
+def test_size_is_within_its_limits(exported, name):
     """yosys reads the exported Verilog, and what comes out is small and has no latch."""
-    block = find(name)
-    counted = size.measure_verilog(export.verilog(block.component(), name), name)
+    counted = size.measure_verilog(text_of(exported, find(name)), name)
     assert size.over(name, counted) == []
     assert counted["latches"] == 0
 

@@ -49,7 +49,7 @@ def test_pairs_reach_the_reader(seed, blanking, full_records):
     assert bench.decoder.packets > len(bench.frames) + 2 * len(bench.textures)
 
 
-@pytest.mark.parametrize("latency", [1, 9])
+@pytest.mark.parametrize("latency", [9])
 def test_addressed_pixels(latency):
     """The same of an imager whose pixels are converted one by one."""
     config = replace(SMALL, converter_latency=latency)
@@ -65,36 +65,39 @@ def test_addressed_pixels(latency):
     assert len(bench.textures) >= 4 and bench.commands.status()["bad_sync"] == 0
 
 
-@pytest.mark.parametrize("kind", ["isolated pixels", "white", "black", "largest areas", "points"])
-def test_video_rate(kind):
+def test_video_rate():
     """25 pairs a second at CIF, pixels at 8 MHz, the system at 16 MHz, 115,200 baud: a pattern
     every 640,000 clocks whatever it shows, and every one of them told."""
     config = Config()
     row, column = np.mgrid[:288, :352]
-    image = {
+    images = {
         "isolated pixels": np.where((row % 2 == 0) & (column % 2 == 0), 200, 20),
         "white": np.full((288, 352), 255), "black": np.zeros((288, 352)),
         "largest areas": np.where((row % 17 < 15) & (column % 18 < 16), 220, 20),
         "points": spot_frame(352, 288, 5, spots=49),
-    }[kind].astype(np.uint8)
+    }
     settings = any_settings(352, 288, config.beams, 3, level_fixed=100, area_min=1,
                             report_rejected=False, erosion="off")
-    bench = Whole(config, settings, [image], mode=Mode.CONTINUOUS)
-    bench.run(8 * PERIOD_US)
+    bench = Whole(config, settings, [], mode=Mode.CONTINUOUS)
+    for kind, image in images.items():
+        # One load for all of them: it takes longer than the frames.
+        bench.images[:] = [image.astype(np.uint8)]
+        begin = len(bench.shown)
+        bench.run(8 * PERIOD_US)
+        lit = [frame for frame in bench.frames if frame.laser and frame.index >= begin]
+        assert len(lit) >= 5 and all(frame.spots == lit[0].spots for frame in lit), kind
     bench.assert_link_is_clean()
     status = bench.commands.status()
     assert (status["timeouts"], status["bad_sync"], status["overrun"]) == (0, 0, 0)
     lit = [frame for frame in bench.frames if frame.laser]
-    assert len(lit) >= 5
     # Dark patterns before the first lit one come without a pause, and may cost a texture.
     assert status["skipped"] == sum(
         frame.skipped for frame in bench.frames + bench.textures if frame.index <= lit[0].index + 1)
     assert set(np.diff([frame.timestamp_us for frame in lit])) == {PERIOD_US}
     assert set(np.diff(bench.instrument.pulses[:, 0])) == {16 * PERIOD_US}
     assert set(np.diff([frame.index for frame in bench.frames if frame.laser])) == {2}
-    assert all(frame.spots == lit[0].spots for frame in lit)
-    if kind == "points":
-        bench.assert_frames_are_the_model_s()
+    # Of the other images the chip has no room for all spots.
+    bench.assert_frames_are_the_model_s(since=begin)
 
 
 @pytest.mark.parametrize("seed", [3])
@@ -293,8 +296,9 @@ def test_clear_to_send_holds_and_loses_nothing_but_time():
 
 def test_gaps_between_packets():
     """Three character times of rest between packets, none within, on the serial pin."""
-    bench = Whole(Config(width=64, height=64, beams=16, lanes=2), small(13), spots(13),
-                  mode=Mode.CONTINUOUS)
+    config = Config()
+    bench = Whole(config, any_settings(352, 288, config.beams, 13, report_rejected=False),
+                  [spot_frame(352, 288, 13, spots=49)], mode=Mode.CONTINUOUS)
     octets, stamps = bytearray(), []
     for _ in range(400):
         bench.instrument.run(500)

@@ -138,8 +138,8 @@ class Whole:
         assert (decoder.damaged, decoder.garbage, decoder.lost, decoder.unknown) == (0, 0, 0, 0)
         assert decoder.unbalanced == decoder.mismatched == 0
 
-    def assert_frames_are_the_model_s(self):
-        """Every pattern frame that came, against the model of what was shown.
+    def assert_frames_are_the_model_s(self, since=0):
+        """Every pattern frame that came, from this number on, against the model of what was shown.
 
         Frames may be missing at the end, on their way.
         """
@@ -147,7 +147,8 @@ class Whole:
         model = Model(self.settings, self.config.width, self.config.height, limit)
         frames = {frame.index: frame for frame in self.frames}
         last = max(frames)
-        for number, (image, integrated_us, lit_us) in enumerate(self.shown[:last + 1]):
+        for number, (image, integrated_us, lit_us) in enumerate(
+                self.shown[since:last + 1], since):
             if image is None:
                 assert number not in frames and lit_us == 0
                 continue

@@ -106,14 +106,14 @@ def test_tables_name_every_port_and_memory(exported, block):
 
 
 @pytest.mark.parametrize("block", PRESENT, ids=NAMES)
-def test_verilog_is_clean(exported, block, tmp_path):
+def test_verilog_is_clean(exported, block):
     """Nothing but what Amaranth's way of writing Verilog explains is waived.
 
     Memories of zeros have a line for each word, half a million in all, which are left out here.
     """
     prepare_environment()
-    file = tmp_path / "verilog" / f"{block.name}.v"
-    file.parent.mkdir()
+    file = exported.with_name("lint") / "verilog" / f"{block.name}.v"
+    file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(ZEROS.sub("", text_of(exported, block)))
     answer = subprocess.run(
         ["verilator", "--lint-only", "-Wall", "--top-module", block.name, WAIVERS,

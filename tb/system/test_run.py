@@ -348,6 +348,26 @@ def test_without_compiler_the_other_engine_is_named(prepared, tmp_path, capsys, 
     assert "C++" in said and "--engine model" in said
 
 
+def test_what_makes_a_library_is_in_its_key(tmp_path, monkeypatch):
+    """One is made once, and anew when what makes it has changed."""
+    maker = tmp_path / "maker.py"
+    assert Path(native.__file__) in native._MAKERS
+    monkeypatch.setattr(native, "BUILD", tmp_path / "native")
+    monkeypatch.setattr(native, "_MAKERS", (maker,))
+    made = []
+
+    def make(folder):
+        made.append(folder / "part")
+        made[-1].touch()
+        return made[-1]
+
+    paths = []
+    for text in ("one", "one", "two", "one"):
+        maker.write_text(text)
+        paths.append(native._made("block", ("key",), "libblock.so", make))
+    assert paths[0] == paths[1] == paths[3] != paths[2] and len(made) == 2
+
+
 @pytest.mark.parametrize("options", [[], ["--independent"], ["--level", "30"]],
                          ids=lambda options: "".join(options) or "learnt")
 def test_engines_give_the_same_bytes(options, prepared, tmp_path):

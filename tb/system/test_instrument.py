@@ -12,10 +12,10 @@ from hdl.protocol import GUARD_CAUSES, Mode, Reason
 from model.capsule import Capsule as Model
 from scripts.commands import RefusedError
 from scripts.recorder import Recorder, Texture
+from tb.system.played_instrument import SMALL
 from tb.system.stimuli import any_settings, random_frame, spot_frame
 from tb.system.whole import Whole
 
-SMALL = Config(width=64, height=64, beams=16, lanes=2, spot_depth=512, baud=2_000_000)
 PERIOD_US = 40_000
 
 

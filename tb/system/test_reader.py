@@ -234,7 +234,7 @@ def test_capture_and_causes(terminal, capsys):
     (["--register", "erosion_mode=3"], "erosion_mode must be 0 to 2, not 3."),
     (["--register", "alpha"], "--register takes NAME=VALUE with a whole number, not 'alpha'."),
     (["--register", "beta=1"], "There is no register 'beta'; there are: mode, "),
-    (["--register", "mode=1"], "Choose the mode by --start, --stop, --single or --pattern-only."),
+    (["--register", "mode=1"], "Choose the mode by one of --start, --stop, --single, --pattern-only, --pictures."),
     (["--register", "divisor=16"],
      "divisor is the speed of this very line, which this program does not change."),
     (["--capture-ms", "65536"], "--capture-ms must be 0 to 65535, not 65536.")])
@@ -687,7 +687,8 @@ def test_live_line(rig, monkeypatch):
     monkeypatch.setattr(receive.time, "monotonic", lambda: now)
     line = receive._Line("tty")
     decoder = SimpleNamespace(octets=0, packets=0, lost=0)
-    recorder = SimpleNamespace(frames=0, last=None, textures=2)
+    recorder = SimpleNamespace(
+        frames=0, last=None, whole={"texture": 2}, seen=set())
     assert str(line.text(decoder, recorder)) == "tty  nothing arrives"
     decoder.octets = 9
     assert str(line.text(decoder, recorder)) == "tty  nothing but garbage"

@@ -287,10 +287,11 @@ def _report(arguments, decoder, recorder, why):
     from scripts.summary import many
     if why:
         print(f"{why}.")
-    print(f"{many(recorder.frames, 'frame')}, {many(recorder.points, 'point')} and "
-          + " and ".join(many(count, f"whole {kind}") for kind, count in recorder.whole.items()
-                         if kind == "texture" or kind in recorder.seen)
-          + f" in {arguments.output}")
+    *counts, last = [
+        many(recorder.frames, "frame"), many(recorder.points, "point"),
+        *(many(count, f"whole {kind}") for kind, count in recorder.whole.items()
+          if kind == "texture" or kind in recorder.seen)]
+    print(f"{', '.join(counts)} and {last} in {arguments.output}")
     for number, words in (
             (decoder.lost, "packets lost"), (decoder.damaged, "packets damaged"),
             (decoder.garbage, "octets of garbage"), (decoder.unknown, "unknown packets"),

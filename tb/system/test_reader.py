@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 import signal
 import threading
 import time
@@ -214,6 +215,48 @@ def test_a_capture_lights_the_laser(rig, tmp_path, capsys):
         assert "tables: none that are valid" in told
 
 
+def test_pictures_of_the_pattern(rig, tmp_path, capsys):
+    """As they are wanted for a calibration: no table is there, and the laser is on."""
+    shown = images()[:1]
+    with open_rtl(rig[0], shown) as terminal:
+        assert run("load", terminal.path, "--capture-ms", "60000", "--pictures", *QUICK) == 0
+        assert "mode: pattern only, as pictures" in capsys.readouterr().out
+        assert run("receive", terminal.path, "-o", tmp_path / "out", "--pictures", "1") == 0
+        told = capsys.readouterr().out
+        assert "0 whole textures and 1 whole pattern in" in told and "no frame came" not in told
+        assert run("load", terminal.path, "--start", "--capture-ms", "0") == 0
+        assert run("status", terminal.path, "--registers") == 0
+        assert re.search(r"pictures +0 ", capsys.readouterr().out)
+    assert run("receive", tmp_path / "out" / "link.raw", "-o", tmp_path / "again") == 0
+    whole, = (tmp_path / "out" / "pattern").iterdir()
+    for picture in (whole, tmp_path / "out" / "pattern.png", tmp_path / "again" / "pattern.png"):
+        assert np.array_equal(cv2.imread(picture, cv2.IMREAD_GRAYSCALE), shown[0])
+    last = rows(tmp_path / "out" / "frames.csv")[-1]
+    assert (last["kind"], last["laser"], last["flags"]) == ("texture", "on", "capture")
+
+
+def test_pieces_wait_for_what_tells_of_their_frame(tmp_path):
+    """Whether the laser was on; where that was lost, the next frame tells."""
+    from scripts.messages import TextureFrame, TexturePiece
+    from scripts.recorder import Recorder
+
+    def frame(index, laser):
+        return TextureFrame(index, 0, 500, 0, 0, 0, 0x80 | laser << 3, index)
+
+    def piece(index, row):
+        return TexturePiece(index, row, 0, np.full(2, 10 * index + row, np.uint8))
+
+    with Recorder(tmp_path) as recorder:
+        for event in (piece(1, 0), piece(2, 0), frame(2, True), piece(2, 1), frame(3, False),
+                      piece(3, 1), piece(4, 0), frame(4, True), piece(5, 1)):
+            recorder.take(event)
+        images = {kind: picture.image.tolist() for kind, picture in recorder.pictures.items()}
+        assert images == {"pattern": [[40, 40], [21, 21]], "texture": [[0, 0], [31, 31]]}
+        recorder.finish()
+        assert recorder.pictures["pattern"].image.tolist() == [[40, 40], [21, 21]]
+        assert recorder.pictures["texture"].image.tolist() == [[0, 0], [51, 51]]
+
+
 def test_capture_and_causes(terminal, capsys):
     terminal.instrument.guard_causes = 0b10010
     assert run("load", terminal.path, "--capture-ms", "60000", "--start") == 0
@@ -234,7 +277,8 @@ def test_capture_and_causes(terminal, capsys):
     (["--register", "erosion_mode=3"], "erosion_mode must be 0 to 2, not 3."),
     (["--register", "alpha"], "--register takes NAME=VALUE with a whole number, not 'alpha'."),
     (["--register", "beta=1"], "There is no register 'beta'; there are: mode, "),
-    (["--register", "mode=1"], "Choose the mode by one of --start, --stop, --single, --pattern-only, --pictures."),
+    (["--register", "mode=1"],
+     "Choose the mode by one of --start, --stop, --single, --pattern-only, --pictures."),
     (["--register", "divisor=16"],
      "divisor is the speed of this very line, which this program does not change."),
     (["--capture-ms", "65536"], "--capture-ms must be 0 to 65535, not 65536.")])
@@ -687,13 +731,16 @@ def test_live_line(rig, monkeypatch):
     monkeypatch.setattr(receive.time, "monotonic", lambda: now)
     line = receive._Line("tty")
     decoder = SimpleNamespace(octets=0, packets=0, lost=0)
+    pictures = {"texture": Texture((4, 2)), "pattern": Texture((4, 2))}
     recorder = SimpleNamespace(
-        frames=0, last=None, whole={"texture": 2}, seen=set())
+        frames=0, last=None, whole={"texture": 2, "pattern": 1}, seen=set(), pictures=pictures)
     assert str(line.text(decoder, recorder)) == "tty  nothing arrives"
     decoder.octets = 9
     assert str(line.text(decoder, recorder)) == "tty  nothing but garbage"
     decoder.packets = 1
     assert "`cyclope load PORT --start`" in str(line.text(decoder, recorder))
+    recorder.seen.add("pattern")
+    assert str(line.text(decoder, recorder)) == "tty  pattern: 1 whole pictures, the next 0%"
     for frames in range(1, 20, 3):
         now += 0.2
         recorder.frames = frames

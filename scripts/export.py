@@ -40,27 +40,29 @@ LIBERO = {
 README = """\
 # {name}, exported
 
-Preset `capsule`: {width} x {height} pixels, {beams} beams on {lanes} lanes. `PORTS.md` lists what
-joins the blocks, `MEMORIES.md` what memories hold at power-up.
+Preset `capsule`: {width} x {height} pixels, {beams} beams on {lanes} lanes; `paper.v` and what only
+it uses are of the preset `paper`. `PORTS.md` lists what joins the blocks, `MEMORIES.md` what
+memories hold at power-up.
 
 | Folder | Holds |
 |---|---|
-| `verilog/` | each block on its own, and `capsule.v`, the whole design in one file |
+| `verilog/` | each block on its own; `{top}.v` is the whole design in one file, from the imager's \
+pins to the serial pins, and `capsule.v` what is between pixels and packets |
 | `vhdl/` | hand-written twins, VHDL-93, same ports; generics as the constructor's arguments |
 | `memory/` | contents of the memories that do not start as zeros, a hexadecimal word a line |
 | `tables/` | with `--calibration FILE`: what it loads into registers and tables |
 | `ise/` | project for the {ise[device]}-{ise[package]}{ise[speed]}: `make` there, ISE <= 10.1 |
 | `vivado/` | project for the {vivado[part]}: `make` there |
-| `libero/` | project for the {libero[family]} {libero[die]}: `libero SCRIPT:capsule.tcl` there |
+| `libero/` | project for the {libero[family]} {libero[die]}: `libero SCRIPT:{top}.tcl` there |
 
 The Verilog holds its own memory contents; `memory/` is for tools that want files. `clk` is the
 clock of the domain `sync`, `rst` its synchronous reset, high for one clock or more; other domains
 put their name before it, as in `pixel_clk`. The projects have no pins and no timing constraints.
 
 Flash parts (ProASIC3, IGLOO, PolarFire) give neither flip-flops nor memories a value at power-up:
-hold `rst` (and `pixel_rst`) until the clocks run, and write all tables through the ports `table_*`
-before the first frame; `MEMORIES.md` tells which memories start with something else than zeros.
-The projects were written without the vendors' tools at hand, and not run.
+hold `rst` (and `pixel_rst`) until the clocks run, and load all tables over the serial line
+(`cyclope load`) after each power-up; `MEMORIES.md` tells which memories start with something else
+than zeros. The projects were written without the vendors' tools at hand, and not run.
 """
 
 
@@ -284,7 +286,7 @@ def export(folder=BUILD, progress=lambda block: None, settings=None):
     (part / "PORTS.md").write_text(port_table(texts))
     (part / "MEMORIES.md").write_text(memory_table(held))
     (part / "README.md").write_text(README.format(
-        name="Cyclope", width=config.width, height=config.height, beams=config.beams,
+        name="Cyclope", top=TOP.name, width=config.width, height=config.height, beams=config.beams,
         lanes=config.lanes, ise=ISE, vivado=VIVADO, libero=LIBERO))
     if settings is not None:
         write_tables(part / "tables", settings)

@@ -13,11 +13,11 @@ from calibration.remap import remap_settings
 from calibration.spots import find_spots
 from calibration.tables import Tables, Windows, build_tables, choose_windows
 from calibration.undistortion import undistortion_settings
+from model.errors import UserError
 from model.preprocessing.centre import centres
 from model.preprocessing.spot_queue import QUEUED_DTYPE
 from model.settings import Settings
 from model.stereo.undistort import undistort
-from scripts.errors import UserError
 
 __all__ = ["Options", "Result", "calibrate", "calibrate_beams", "with_lens"]
 

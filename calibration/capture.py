@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from calibration.identity import Projector
-from scripts.errors import UserError
+from model.errors import UserError
 
 __all__ = ["Capture", "read_capture", "read_image"]
 
@@ -126,7 +126,7 @@ def _decode(data):
 def read_image(path, width=None, height=None) -> np.ndarray:
     """An 8-bit grey picture of the sensor's size, as a 2-D ``uint8`` array.
 
-    Raises :class:`scripts.errors.UserError` if the file is missing, empty, truncated, unreadable,
+    Raises :class:`model.errors.UserError` if the file is missing, empty, truncated, unreadable,
     in colour, of another depth than 8 bits, or of another size.
 
     Parameters
@@ -245,7 +245,7 @@ def _read_planes(path):
 def read_capture(folder) -> Capture:
     """A capture folder, without its pictures, which are read when asked for.
 
-    Raises :class:`scripts.errors.UserError` if anything the calibration needs is missing or wrong.
+    Raises :class:`model.errors.UserError` if anything the calibration needs is missing or wrong.
     """
     folder = Path(folder)
     if not folder.is_dir():

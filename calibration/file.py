@@ -17,8 +17,8 @@ import numpy as np
 from calibration.identity import Projector
 from calibration.lens import Lens
 from calibration.remap import remap_table
+from model.errors import UserError
 from model.settings import EROSION_MODES, RADIAL_WORDS, RECIPROCAL_WORDS, Settings
-from scripts.errors import UserError
 
 __all__ = ["FORMAT", "VERSION", "Beam", "Calibration", "beside", "decode", "encode", "load", "save"]
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from scripts.errors import UserError
+from model.errors import UserError
 
 __all__ = ["Identity", "PlaneSpots", "Projector", "identify"]
 

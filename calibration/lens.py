@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from scripts.errors import UserError
+from model.errors import UserError
 
 __all__ = ["Lens", "LensReport", "calibrate_lens", "find_corners"]
 

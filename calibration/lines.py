@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from scripts.errors import UserError
+from model.errors import UserError
 
 __all__ = ["BeamLines", "Observations", "check_planes", "fit_lines"]
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from calibration.undistortion import build
+from model.errors import UserError
 from model.preprocessing.remap import OUTSIDE, pack_remap
-from scripts.errors import UserError
 
 __all__ = ["remap_settings", "remap_table"]
 

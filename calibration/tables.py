@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from model.errors import UserError
 from model.stereo.depth import INVERSE_Z_LIMIT, inverse_depth, pack_depth
 from model.stereo.epipolar import OK, pack_line, pack_window, unpack_line
-from scripts.errors import UserError
 
 __all__ = ["Tables", "Windows", "build_tables", "choose_windows", "separations"]
 

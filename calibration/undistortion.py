@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from model.errors import UserError
 from model.settings import Settings
 from model.stereo.undistort import ROUNDS, SEGMENTS, TANGENTIAL_BITS, radius_bits, undistort
-from scripts.errors import UserError
 
 __all__ = ["GAIN_LIMIT", "build", "undistortion_settings"]
 

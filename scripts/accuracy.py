@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from scripts.errors import UserError
+from model.errors import UserError
 from scripts.points import POINT, STATUS
 
 __all__ = ["TRUTH", "WRONG", "Accuracy", "compare", "load_points", "load_truth"]

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from scripts.errors import UserError
+from model.errors import UserError
 
 __all__ = ["add_arguments", "main"]
 

@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 
-from scripts.errors import UserError
+from model.errors import UserError
 
 __all__ = ["main"]
 

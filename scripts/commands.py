@@ -17,8 +17,8 @@ from hdl.protocol import (
     registers,
     tables,
 )
+from model.errors import UserError
 from model.preprocessing.remap import pack_remap
-from scripts.errors import UserError
 from scripts.framing import CHECK_OCTETS, frame_packet
 from scripts.link import Decoder
 from scripts.messages import Reply, fields_of

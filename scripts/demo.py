@@ -12,8 +12,8 @@ import sys
 import time
 from pathlib import Path
 
+from model.errors import UserError
 from scripts import cli
-from scripts.errors import UserError
 
 __all__ = ["main", "prepare"]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scripts.errors import UserError
+from model.errors import UserError
 
 __all__ = ["Emulator", "add_arguments", "main"]
 

@@ -13,11 +13,11 @@ import numpy as np
 from hdl.config import PRESETS
 from hdl.paper_points import REMAP_BASE
 from model.capsule import Capsule as CapsuleModel
+from model.errors import UserError
 from model.link.framer import frame as framed
 from model.link.points import packets
 from model.paper import Paper as PaperModel
 from model.preprocessing.remap import pack_remap
-from scripts.errors import UserError
 from scripts.link import Decoder
 from scripts.native import ROOT, build, clocked_verilog
 from scripts.rebuild import Rebuilder

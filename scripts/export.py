@@ -24,8 +24,8 @@ from amaranth.lib import data
 from hdl.config import PRESETS
 from hdl.export import flat_ports, to_verilog
 from hdl.protocol import TABLES
+from model.errors import UserError
 from scripts.blocks import ROOT, TOP, present
-from scripts.errors import UserError
 
 __all__ = ["Memory", "Port", "export", "memories", "ports", "verilog"]
 

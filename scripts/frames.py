@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from scripts.errors import UserError
+from model.errors import UserError
 
 __all__ = ["SUFFIXES", "Entry", "check_images", "find_frames"]
 

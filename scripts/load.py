@@ -4,8 +4,8 @@ import time
 from pathlib import Path
 
 from hdl.protocol import PLACES, Mode
+from model.errors import UserError
 from scripts.commands import REGISTERS, Commands, check_chip, table_contents
-from scripts.errors import UserError
 from scripts.port import add_port_arguments, open_port
 
 __all__ = ["add_arguments", "load", "main"]

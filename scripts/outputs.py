@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scripts.errors import UserError
+from model.errors import UserError
 from scripts.points import STATUS
 
 __all__ = ["CSV_HEADER", "check_folder", "csv_line", "new_folder", "ply_header", "ply_line",

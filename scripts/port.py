@@ -5,7 +5,7 @@ import os
 import stat
 import termios
 
-from scripts.errors import UserError
+from model.errors import UserError
 
 __all__ = ["BAUD", "Port", "VanishedError", "add_port_arguments", "open_port"]
 

@@ -7,7 +7,7 @@ from collections import deque
 from contextlib import contextmanager
 from pathlib import Path
 
-from scripts.errors import UserError
+from model.errors import UserError
 from scripts.port import VanishedError, add_port_arguments, open_port
 
 __all__ = ["add_arguments", "main"]

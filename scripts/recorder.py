@@ -6,8 +6,8 @@ from contextlib import ExitStack
 import numpy as np
 
 from hdl.protocol import Command, Reason
+from model.errors import UserError
 from scripts.commands import check_chip, parse_identity
-from scripts.errors import UserError
 from scripts.messages import Frame, Reply, TextureFrame, TexturePiece
 from scripts.outputs import CSV_HEADER, csv_line, ply_header, ply_line
 from scripts.points import POINT, STATUS, locate

@@ -4,7 +4,7 @@ from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
-from scripts.errors import UserError
+from model.errors import UserError
 from scripts.frames import check_images, find_frames
 
 __all__ = ["add_arguments", "main", "measure", "run"]

@@ -4,7 +4,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from scripts.errors import UserError
+from model.errors import UserError
 
 __all__ = ["KINDS", "RIGS", "add_arguments", "main"]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from scripts.errors import UserError
+from model.errors import UserError
 
 from . import render, rigs, scenes
 

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from scripts.errors import UserError
+from model.errors import UserError
 
 #: Kinds of scenes that `sequence` makes.
 KINDS = ("plane", "tilted", "polyp", "tube", "mixed")

@@ -19,6 +19,7 @@ from calibration.remap import remap_table
 from calibration.spots import find_spots
 from calibration.tables import INVERSE_Z_ERROR, build_tables, choose_windows, separations
 from model.capsule import Capsule
+from model.errors import UserError
 from model.optics import render, rigs, scenes
 from model.optics.geometry import beam_lines
 from model.optics.rigs import RIGS
@@ -27,7 +28,6 @@ from model.settings import RADIAL_WORDS, RECIPROCAL_WORDS, Settings
 from model.stereo.depth import inverse_depth
 from model.stereo.epipolar import OK, match, unpack_window
 from scripts import cli
-from scripts.errors import UserError
 from scripts.points import locate
 
 

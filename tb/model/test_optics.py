@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from calibration.capture import read_capture, read_image
+from model.errors import UserError
 from model.optics import capture, render, rigs, scenes
 from model.optics.geometry import (
     Camera,
@@ -20,7 +21,6 @@ from model.optics.geometry import (
 )
 from model.optics.rigs import RIGS
 from scripts import cli
-from scripts.errors import UserError
 
 CAPSULE = RIGS["capsule"]
 ALL = pytest.mark.parametrize("rig", RIGS.values(), ids=RIGS)

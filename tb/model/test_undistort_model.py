@@ -6,10 +6,10 @@ import pytest
 
 from calibration.lens import Lens
 from calibration.undistortion import GAIN_LIMIT, build, undistortion_settings
+from model.errors import UserError
 from model.oracles import undistort_oracle as oracle
 from model.settings import RADIAL_WORDS, Settings
 from model.stereo.undistort import radius_bits, undistort
-from scripts.errors import UserError
 
 LIMIT = 0.01
 FIELDS = ("principal_u", "principal_v", "tangential_1", "tangential_2", "radial")

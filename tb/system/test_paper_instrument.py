@@ -9,9 +9,9 @@ import pytest
 from calibration.lens import Lens
 from calibration.remap import remap_table
 from hdl.protocol import SCREEN_FAULTS, Mode, Reason
+from model.errors import UserError
 from model.paper import Paper
 from scripts.commands import RefusedError, check_chip
-from scripts.errors import UserError
 from scripts.load import load
 from tb.system.fake_instrument import any_calibration
 from tb.system.stimuli import spot_frame

@@ -14,9 +14,9 @@ import pytest
 
 from calibration import file
 from hdl.protocol import TABLE_VERSION, Command, Mode, Reason
+from model.errors import UserError
 from scripts import cli, port
 from scripts.commands import REGISTERS, SENTENCES, Commands, RefusedError
-from scripts.errors import UserError
 from scripts.messages import POINT
 from scripts.points import locate
 from scripts.recorder import MISMATCH, Texture

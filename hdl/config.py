@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-__all__ = ["Config", "FRAMES_IN_FLIGHT", "PRESETS", "PRESET_NAMES", "check_config"]
+from .protocol import PRESET_NAMES
 
-#: The two designs, in the order of their codes in the reply to IDENTIFY.
-PRESET_NAMES = ("capsule", "paper")
+__all__ = ["Config", "FRAMES_IN_FLIGHT", "PRESETS", "check_config"]
+
 #: Frames whose points may still be on their way when the next one starts.
 FRAMES_IN_FLIGHT = 4
 
@@ -17,8 +17,8 @@ class Config:
     Parameters
     ----------
     preset : :class:`str`
-        One of :data:`PRESET_NAMES`: what measures the spots, :class:`hdl.capsule.Capsule` or
-        :class:`hdl.paper.Paper`.
+        One of :data:`hdl.protocol.PRESET_NAMES`: what measures the spots,
+        :class:`hdl.capsule.Capsule` or :class:`hdl.paper.Paper`.
     clock_hz : :class:`int`
         System clock; whole megahertz, since one prescaler counts the microseconds.
     baud : :class:`int`

@@ -10,12 +10,14 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 __all__ = [
-    "PROTOCOL_VERSION", "TABLE_VERSION", "WIRE_LIMIT", "GAP_CHARACTERS", "CONTENT_LIMIT",
-    "COMPACT", "PacketKind", "Flag", "Command", "Reason", "Mode", "Register", "Field", "Table",
-    "TABLES", "PLACES", "TRAILER_FIELDS", "TEXTURE_FIELDS", "IDENTITY_FIELDS", "STATUS_FIELDS",
-    "GUARD_CAUSES", "SCREEN_FAULTS", "registers", "tables",
+    "PRESET_NAMES", "PROTOCOL_VERSION", "TABLE_VERSION", "WIRE_LIMIT", "GAP_CHARACTERS",
+    "CONTENT_LIMIT", "COMPACT", "PacketKind", "Flag", "Command", "Reason", "Mode", "Register",
+    "Field", "Table", "TABLES", "PLACES", "TRAILER_FIELDS", "TEXTURE_FIELDS", "IDENTITY_FIELDS",
+    "STATUS_FIELDS", "GUARD_CAUSES", "SCREEN_FAULTS", "registers", "tables",
 ]
 
+#: The two designs, in the order of their codes in the reply to IDENTIFY.
+PRESET_NAMES = ("capsule", "paper")
 #: Version of packets and commands.
 PROTOCOL_VERSION = 2
 #: Version of the formats of the tables; the calibration file's own number follows it.

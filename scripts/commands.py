@@ -4,10 +4,10 @@ import os
 import time
 import zlib
 
-from hdl.config import PRESET_NAMES
 from hdl.protocol import (
     CONTENT_LIMIT,
     IDENTITY_FIELDS,
+    PRESET_NAMES,
     PROTOCOL_VERSION,
     STATUS_FIELDS,
     TABLE_VERSION,

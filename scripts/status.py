@@ -1,6 +1,6 @@
 """``cyclope status``: what the chip is, what it does, and all its counters."""
 
-from hdl.protocol import GUARD_CAUSES, SCREEN_FAULTS, STATUS_FIELDS, Mode
+from hdl.protocol import GUARD_CAUSES, PRESET_NAMES, SCREEN_FAULTS, STATUS_FIELDS, Mode
 from scripts.commands import Commands
 from scripts.port import add_port_arguments, open_port
 
@@ -14,7 +14,6 @@ _CAUSES = {
     "heartbeat": "frames that stopped coming"}
 _FAULTS = {
     "frame": "a frame found no bank", "row": "a row came too late", "mark": "a spot has no mark"}
-_PRESETS = ("capsule", "paper")
 
 
 def add_arguments(parser):
@@ -55,7 +54,7 @@ def status_table(identity, status):
     preset = identity["preset"]
     table.add_row("sensor", f"{identity['width']} x {identity['height']}", "pixels")
     table.add_row("beams", str(identity["beams"]), f"{identity['lanes']} lines tried at a time")
-    table.add_row("preset", _PRESETS[preset] if preset < len(_PRESETS) else str(preset),
+    table.add_row("preset", PRESET_NAMES[preset] if preset < len(PRESET_NAMES) else str(preset),
                   f"system clock {identity['clock_khz'] / 1000:g} MHz")
     table.add_section()
     table.add_row("mode", _MODES[state.mode], "the sensor is silent" if state.silent else "")
@@ -67,7 +66,7 @@ def status_table(identity, status):
     for field in STATUS_FIELDS:
         if field.name not in ("state", "guard_causes", "screen"):
             table.add_row(field.name.replace("_", " "), str(status[field.name]), field.meaning)
-    if preset == _PRESETS.index("paper"):
+    if preset == PRESET_NAMES.index("paper"):
         faults = [_FAULTS[name] for bit, name in enumerate(SCREEN_FAULTS)
                   if status["screen"] >> bit & 1]
         table.add_row("screen", "faults" if faults else "whole", "; ".join(faults))

@@ -4,13 +4,13 @@ from amaranth import *
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from hdl.config import PRESET_NAMES
 from hdl.payloads import MemoryCommand, PacketOctet
 from hdl.protocol import (
     CONTENT_LIMIT,
     GUARD_CAUSES,
     IDENTITY_FIELDS,
     PLACES,
+    PRESET_NAMES,
     PROTOCOL_VERSION,
     SCREEN_FAULTS,
     STATUS_FIELDS,
@@ -69,7 +69,7 @@ class Commands(wiring.Component):
     beams, lanes : :class:`int`
         The paper's K and P, 1 to 128 and 1 to ``beams``.
     preset : :class:`str`
-        One of :data:`hdl.config.PRESET_NAMES`.
+        One of :data:`hdl.protocol.PRESET_NAMES`.
     clock_hz, baud : :class:`int`
         System clock, whole megahertz to 65; rate of the serial line out of reset.
 

@@ -53,9 +53,7 @@ class Sequencer(wiring.Component):
     Members
     -------
     mode : :py:`In(2)`
-        See :class:`hdl.protocol.Mode`.
-    again : :py:`In(1)`
-        Another pair in mode ``SINGLE``, which takes one by itself whenever the mode changes to it.
+        See :class:`hdl.protocol.Mode`. ``SINGLE`` takes a pair whenever the mode changes to it.
     pictures : :py:`In(1)`
         In mode ``PATTERN``: frames are to be sent as pictures.
     period_us : :py:`In(16)`
@@ -115,7 +113,6 @@ class Sequencer(wiring.Component):
         self.begin_us, self.frame_us, self.warm_up_us = begin_us, frame_us, warm_up_us
         super().__init__({
             "mode": In(2),
-            "again": In(1),
             "pictures": In(1),
             **{name: In(16) for name in _TIMES},
             "frame_begun": In(1),
@@ -248,7 +245,7 @@ class Sequencer(wiring.Component):
                         m.d.sync += self.late.eq(self.late + ~self.late.all())
                     m.next = "BEGIN"
         m.d.comb += self.running.eq(~schedule.ongoing("IDLE"))
-        with m.If((self.mode != Mode.SINGLE) | self.again):
+        with m.If(self.mode != Mode.SINGLE):
             m.d.sync += wish.eq(1)
 
         # The tag.

@@ -77,8 +77,6 @@ class Schedule:
         Takes a clock; whether the laser guard is armed in it.
     until : :class:`int`
         No frame begins from this clock on.
-    again : sequence of :class:`int`
-        Clocks in which another single pair is asked for.
     begin_us, frame_us, warm_up_us : :class:`int`
         Time limits.
 
@@ -93,10 +91,10 @@ class Schedule:
         First clock, and first one after.
     """
 
-    def __init__(self, clock_hz, registers, sensor, armed, until, again=(), begin_us=5000,
+    def __init__(self, clock_hz, registers, sensor, armed, until, begin_us=5000,
                  frame_us=20_000, warm_up_us=100_000):
         self.clocks = clock_hz // 1_000_000
-        self.clock_hz, self.registers, self.again = clock_hz, registers, set(again)
+        self.clock_hz, self.registers = clock_hz, registers
         self.sensor, self.armed = sensor, armed
         self.begin_us, self.frame_us, self.warm_up_us = begin_us, frame_us, warm_up_us
         self.frames, self.starts, self.running, self.late = [], [], [], []
@@ -119,7 +117,7 @@ class Schedule:
 
     def _stopped(self, clock, texture=False):
         for before in range(self.wished, clock):
-            if self._now(before).mode != SINGLE or before in self.again:
+            if self._now(before).mode != SINGLE:
                 self.wish = True
         self.wished = max(self.wished, clock)
         mode = self._now(clock).mode

@@ -31,12 +31,12 @@ class SequencerBench(Bench):
     are lit, whatever was asked. ``armed`` and ``registers``: (clock, value) in order.
     """
 
-    def __init__(self, dut, plan, registers, armed=((0, 1),), again=(), lit=None):
-        self.plan, self.registers, self.armed, self.again = plan, registers, armed, again
+    def __init__(self, dut, plan, registers, armed=((0, 1),), lit=None):
+        self.plan, self.registers, self.armed = plan, registers, armed
         self.lit = lit
         self.clocks = parameters()["clocks"]
         super().__init__(dut, inputs=(), outputs=(), plain={
-            **vars(registers[0][1]), "again": 0, "frame_begun": 0, "frame_ended": 0,
+            **vars(registers[0][1]), "frame_begun": 0, "frame_ended": 0,
             "frame_broken": 0, "sending": 0, "laser_armed": armed[0][1], "lit": 0, "capture": 0})
         self.edges = {name: [] for name in (*PINS, *NUMBERS, "tag")}
         self.frames = self.sending = self.quiet = 0
@@ -58,7 +58,7 @@ class SequencerBench(Bench):
         for name in (*NUMBERS, "tag"):
             cocotb.start_soon(self._number(name))
         cocotb.start_soon(self._imager())
-        for task in (self._host(), self._guard(), self._repeat()):
+        for task in (self._host(), self._guard()):
             cocotb.start_soon(task)
 
     async def _count(self):
@@ -100,13 +100,6 @@ class SequencerBench(Bench):
             await self.until(clock)
             self.dut.laser_armed.value = armed
 
-    async def _repeat(self):
-        for clock in self.again:
-            await self.until(clock)
-            self.dut.again.value = 1
-            await RisingEdge(self.dut.clk)
-            self.dut.again.value = 0
-
     async def _imager(self):
         while True:
             await RisingEdge(self.dut.sensor_integrate)
@@ -147,7 +140,7 @@ class SequencerBench(Bench):
         return Schedule(
             self.clocks * 1_000_000, self.registers, self.sensor,
             lambda clock: [armed for since, armed in self.armed if since <= clock][-1], until,
-            self.again, *(parameters()[name] for name in ("begin_us", "frame_us", "warm_up_us")))
+            *(parameters()[name] for name in ("begin_us", "frame_us", "warm_up_us")))
 
     async def check(self, until):
         """Let it run, then compare everything up to that clock; the model's schedule."""
@@ -250,12 +243,10 @@ async def random_world(dut):
     rng = np.random.default_rng(parameters()["seed"])
     clocks = parameters()["clocks"]
     until = 12_000 * clocks
-    again = sorted({int(clock) for clock in rng.integers(2, until, 40)})
-    again = [clock for clock, before in zip(again[1:], again, strict=False) if clock > before + 1]
     lit = rng.random(1000) < 0.5
     bench = SequencerBench(
         dut, random_plan(rng, clocks), random_registers(rng, clocks, until),
-        random_switch(rng, until, 1200 * clocks), again, lambda number: bool(lit[number]))
+        random_switch(rng, until, 1200 * clocks), lambda number: bool(lit[number]))
     await bench.begin()
     schedule = await bench.check(until)
     outcomes = {frame.outcome for frame in schedule.frames}
@@ -335,7 +326,8 @@ async def single_pairs_wait_for_the_laser(dut):
     single = Registers(SINGLE, 140, 3, 4, 2, 30)
     armed = [(0, 0), (130 * clocks, 1), (700 * clocks, 0), (1300 * clocks, 1)]
     bench = SequencerBench(
-        dut, [frame()], [(0, Registers(STOP)), (5 * clocks, single)], armed, [900 * clocks])
+        dut, [frame()], [(0, Registers(STOP)), (5 * clocks, single),
+                         (900 * clocks - 1, Registers(STOP)), (900 * clocks, single)], armed)
     await bench.begin()
     schedule = await bench.check(1800 * clocks)
     kinds = "".join("T" if taken.texture else "L" if taken.asked else "D"

@@ -163,6 +163,7 @@ class Instrument(wiring.Component):
             commands.guard_causes.eq(guard.causes),
             commands.pairs.eq(sequencer.pairs),
             commands.timeouts.eq(sequencer.timeouts),
+            commands.late.eq(sequencer.late),
             *(getattr(commands, name).eq(getattr(measure, name))
               for name in ("bad_sync", "overrun", "skipped", "packets")),
         ]

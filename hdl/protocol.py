@@ -288,6 +288,7 @@ STATUS_FIELDS = (
     Field("damaged", 16, "packets from the host with a wrong check"),
     Field("framing", 8, "characters from the host without a stop bit"),
     Field("packets", 16, "packets sent, modulo 65536"),
+    Field("late", 8, "pairs that began later than `period_us` after the one before"),
     Field("screen", 8, "what the screen of the preset `paper` lacked, see SCREEN_FAULTS"),
 )
 

@@ -111,7 +111,7 @@ class Commands(wiring.Component):
         The external memory, in the preset ``paper`` only: word 2n has the lower half of word n of
         the table of places.
     laser_armed, sensor_silent, guard_causes, pairs, timeouts, bad_sync, overrun, skipped, \
-    packets, screen
+    packets, late, screen
         What STATUS tells besides, see :data:`hdl.protocol.STATUS_FIELDS`.
     """
 
@@ -173,6 +173,7 @@ class Commands(wiring.Component):
             "overrun": In(8),
             "skipped": In(8),
             "packets": In(16),
+            "late": In(8),
             "screen": In(len(SCREEN_FAULTS)),
             **({"memory": Out(stream.Signature(MemoryCommand)),
                 "memory_word": In(stream.Signature(32, always_ready=True))}
@@ -289,7 +290,7 @@ class Commands(wiring.Component):
                 m, "refused", 16, done & (reason != Reason.OK) & ~of_damage),
             "damaged": self._counter(m, "damages", 16, self.damaged),
             "framing": self._counter(m, "framings", 8, self.framing),
-            "packets": self.packets, "screen": self.screen,
+            "packets": self.packets, "late": self.late, "screen": self.screen,
         })
 
         shift = Signal()

@@ -303,7 +303,7 @@ class FakeInstrument:
                 + bytes([1, 2, 3, 4]) + b"".join(
                     counters[name].to_bytes(2, "little")
                     for name in ("commands", "refused", "damaged"))
-                + bytes([5]) + counters["packets"].to_bytes(2, "little") + b"\0")
+                + bytes([5]) + counters["packets"].to_bytes(2, "little") + bytes(2))
 
     def _capture(self, data):
         self.capture_until = self.now + 1000 * int.from_bytes(data, "little")

@@ -88,7 +88,7 @@ def test_video_rate():
         assert len(lit) >= 5 and all(frame.spots == lit[0].spots for frame in lit), kind
     bench.assert_link_is_clean()
     status = bench.commands.status()
-    assert (status["timeouts"], status["bad_sync"], status["overrun"]) == (0, 0, 0)
+    assert not any(status[name] for name in ("timeouts", "bad_sync", "overrun", "late"))
     lit = [frame for frame in bench.frames if frame.laser]
     # Dark patterns before the first lit one come without a pause, and may cost a texture.
     assert status["skipped"] == sum(

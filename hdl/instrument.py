@@ -1,6 +1,6 @@
 """The whole instrument: imager, laser and serial line."""
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out, connect
@@ -15,6 +15,7 @@ from .link.uart_rx import UARTReceiver
 from .paper import BOARD, Paper
 from .periphery import camera_pins
 from .ports import REGISTERS, TABLE_PORT, hand_on
+from .protocol import Mode
 
 __all__ = ["Instrument"]
 
@@ -26,7 +27,8 @@ class Instrument(wiring.Component):
     and texture frames in turn. What measures them is :class:`.capsule.Capsule` or
     :class:`.paper.Paper`, as the preset says. Registers and tables that the host changed are
     handed over together, as a pattern frame begins at whose start no spot is under way; at once
-    while the sequencer stands still.
+    while the sequencer stands still. Only a stop waits for nothing but the frame that is being
+    taken.
 
     Parameters
     ----------
@@ -104,10 +106,11 @@ class Instrument(wiring.Component):
         # Exposure, and the last word on the laser.
         m.submodules.sequencer = sequencer = Sequencer(config.clock_hz)
         m.submodules.laser_guard = guard = LaserGuard(config.clock_hz)
-        for name in ("mode", "pictures", "period_us", "pattern_reset_us", "pattern_us",
+        for name in ("pictures", "period_us", "pattern_reset_us", "pattern_us",
                      "texture_reset_us", "texture_us"):
             m.d.comb += getattr(sequencer, name).eq(getattr(commands, name))
         m.d.comb += [
+            sequencer.mode.eq(Mux(commands.stop, Mode.STOP, commands.mode)),
             sequencer.laser_armed.eq(guard.armed),
             sequencer.lit.eq(guard.lit),
             sequencer.capture.eq(commands.capture),

@@ -172,7 +172,8 @@ def registers(clock_hz=16_000_000, baud=115_200):
     """All registers, of a chip with that clock.
 
     Writing one is heard at the next pattern frame's start at which no spot of an older frame is
-    under way; all that were written until then change together.
+    under way; all that were written until then change together. Only ``mode`` 0 does not wait: no
+    frame begins after it.
     """
     divisor = round(clock_hz / baud)
     return (

@@ -54,7 +54,8 @@ class Commands(wiring.Component):
     and the order of the checks.
 
     Registers are written at once, and act from the clock after ``apply``, all together; ``mode``
-    set to stop, ``idle`` and no command under way do the same in every clock. A set of tables that
+    set to stop, ``idle`` and no command under way do the same in every clock. ``stop`` tells of
+    that mode at once, whatever the line and the spots are waiting for. A set of tables that
     was committed changes places with the old one then too, and ``tables_valid`` rises.
 
     Host accesses to the tables go to bank ``~bank``, where there are two. They come while
@@ -87,6 +88,8 @@ class Commands(wiring.Component):
         Nothing is under way: no exposure, no frame, no spot, no packet on the line.
     single_done : :py:`In(1)`
         The single pair has been exposed.
+    stop : :py:`Out(1)`
+        The host wants no more frames.
     mode, period_us, and so on : :py:`Out`
         The registers of :func:`hdl.protocol.registers`, by their names.
     table_ready : :py:`In(1)`
@@ -152,6 +155,7 @@ class Commands(wiring.Component):
             "apply": In(1),
             "idle": In(1),
             "single_done": In(1),
+            "stop": Out(1, init=1),
             **members,
             "table_ready": In(1),
             "table_write": Out(1),
@@ -262,7 +266,8 @@ class Commands(wiring.Component):
         waiting = Signal()
         m.d.comb += [
             stopped.eq(registers.mode == Mode.STOP),
-            registers.hand_over.eq(self.apply | (stopped & self.idle & waiting)),
+            self.stop.eq(registers.stop),
+            registers.hand_over.eq(self.apply | ((stopped | self.stop) & self.idle & waiting)),
             registers.address.eq(word[:8]),
             registers.value.eq(word[8:40]),
         ]

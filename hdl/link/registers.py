@@ -61,6 +61,8 @@ class Registers(wiring.Component):
         Value of the register as written.
     hand_over, single_done : :py:`In(1)`
         As above.
+    stop : :py:`Out(1)`
+        ``mode`` as written is stop.
     mode, period_us, and so on : :py:`Out`
         Each register's value as it acts, by its name, with its bits and sign.
     """
@@ -78,6 +80,7 @@ class Registers(wiring.Component):
             "read_data": Out(32),
             "hand_over": In(1),
             "single_done": In(1),
+            "stop": Out(1, init=1),
             **members,
         })
 
@@ -106,6 +109,7 @@ class Registers(wiring.Component):
             self.fits.eq(fits),
             self.only_stopped.eq(only_stopped),
             self.read_data.eq(read_data),
+            self.stop.eq(written["mode"] == Mode.STOP),
         ]
         with m.If(self.hand_over):
             m.d.sync += [getattr(self, name).eq(value) for name, value in written.items()]

@@ -55,7 +55,7 @@ class Host:
         self._settle()
 
     def _settle(self):
-        if self.idle and self.model.acting["mode"] == Mode.STOP:
+        if self.idle and Mode.STOP in (self.model.acting["mode"], self.model.written["mode"]):
             self.model.hand_over()
 
     def wait(self, clocks):
@@ -120,6 +120,7 @@ class Host:
             got = get(register.name)
             assert got == want, f"{register.name} is {got:#x}, not {want:#x}"
         assert get("bank") == model.bank and get("tables_valid") == model.tables_valid
+        assert get("stop") == (model.written["mode"] == Mode.STOP)
         assert get("capture") == bool(model.capture)
         assert get("clears") == model.cleared & 0xFF and get("writes") == self.writes & 0xFFFF
         assert not get("wrong")

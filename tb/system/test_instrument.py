@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from hdl.config import Config
-from hdl.protocol import GUARD_CAUSES, Mode, Reason
+from hdl.protocol import GUARD_CAUSES, Command, Mode, Reason
 from model.capsule import Capsule as Model
-from scripts.commands import RefusedError
+from scripts.commands import REGISTERS, RefusedError
+from scripts.framing import frame_packet
 from scripts.recorder import Recorder, Texture
 from tb.system.played_instrument import SMALL
 from tb.system.stimuli import any_settings, random_frame, spot_frame
@@ -292,6 +293,26 @@ def test_clear_to_send_holds_and_loses_nothing_but_time():
     bench.assert_link_is_clean()
     assert all(frame.balanced and frame.verified for frame in bench.frames)
     assert bench.frames[-1].laser
+
+
+def test_stop_waits_for_no_line():
+    """With CTS low neither points nor replies leave; the laser stops all the same."""
+    bench = Whole(SMALL, small(12), spots(12), mode=Mode.CONTINUOUS)
+    bench.run(3 * PERIOD_US)
+    bench.instrument.clear_to_send(False)
+    bench.run(3 * PERIOD_US)
+    content = bytes([Command.WRITE, 1, REGISTERS["mode"].address, Mode.STOP, 0, 0, 0])
+    bench.line.write(frame_packet(content))
+    bench.run(2000)
+    pulses, shown = len(bench.instrument.pulses), len(bench.shown)
+    bench.run(4 * PERIOD_US)
+    assert len(bench.instrument.pulses) == pulses >= 3 and len(bench.shown) - shown <= 1
+    bench.instrument.clear_to_send(True)
+    bench.run(4 * PERIOD_US)
+    assert bench.commands.status()["state"].mode == Mode.STOP
+    bench.assert_link_is_clean()
+    assert all(frame.balanced and frame.verified for frame in bench.frames)
+    assert len(bench.instrument.pulses) == pulses
 
 
 def test_gaps_between_packets():

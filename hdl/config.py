@@ -4,8 +4,10 @@ from dataclasses import dataclass
 
 from .protocol import PRESET_NAMES
 
-__all__ = ["Config", "FRAMES_IN_FLIGHT", "PRESETS", "check_config"]
+__all__ = ["Config", "FRAMES_IN_FLIGHT", "FRAME_US", "PRESETS", "check_config"]
 
+#: How long after its exposure a frame is waited for, microseconds.
+FRAME_US = 20_000
 #: Frames whose points may still be on their way when the next one starts.
 FRAMES_IN_FLIGHT = 4
 
@@ -74,6 +76,13 @@ class Config:
             if not isinstance(value, int) or not low <= value <= high:
                 raise ValueError(
                     f"{name} must be an integer from {low} to {high}, not {value!r}")
+        if self.converter_latency is not None:
+            read_us = self.width * self.height * self.converter_interval * 1e6 / self.clock_hz
+            if read_us > FRAME_US - 1000:
+                raise ValueError(
+                    f"{self.width} x {self.height} pixels of {self.converter_interval} clocks each "
+                    f"take {read_us:.0f} us to read, and a frame may take {FRAME_US - 1000} us: "
+                    "make converter_interval less or clock_hz more")
         if self.clock_hz % 1_000_000:
             raise ValueError(f"clock_hz must be a multiple of 1 MHz, not {self.clock_hz}")
 

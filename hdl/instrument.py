@@ -8,7 +8,7 @@ from amaranth.lib.wiring import In, Out, connect
 from .acquisition.laser_guard import LaserGuard
 from .acquisition.sequencer import Sequencer
 from .capsule import Capsule
-from .config import check_config
+from .config import FRAME_US, check_config
 from .link.commands import Commands
 from .link.receiver import Receiver
 from .link.uart_rx import UARTReceiver
@@ -104,7 +104,7 @@ class Instrument(wiring.Component):
         ]
 
         # Exposure, and the last word on the laser.
-        m.submodules.sequencer = sequencer = Sequencer(config.clock_hz)
+        m.submodules.sequencer = sequencer = Sequencer(config.clock_hz, frame_us=FRAME_US)
         m.submodules.laser_guard = guard = LaserGuard(config.clock_hz)
         for name in ("pictures", "period_us", "pattern_reset_us", "pattern_us",
                      "texture_reset_us", "texture_us"):

@@ -152,7 +152,7 @@ class Paper(wiring.Component):
         m.submodules.late_synchronizer = FFSynchronizer(row_late, row_was_late)
         m.d.display += row_late.eq(row_late | frames.late.any())
         m.d.sync += self.screen.eq(
-            self.screen | Cat(frames.skipped.any(), row_was_late, vga.unmarked.any()))
+            self.screen | Cat(frames.overrun, row_was_late, vga.unmarked.any()))
 
         # The external memory.
         m.submodules.port = port = SRAMPort(clients=4)

@@ -19,7 +19,7 @@ __all__ = [
 #: The two designs, in the order of their codes in the reply to IDENTIFY.
 PRESET_NAMES = ("capsule", "paper")
 #: Version of packets and commands.
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSION = 3
 #: Version of the formats of the tables; the calibration file's own number follows it.
 TABLE_VERSION = 1
 #: Octets of a packet on the wire, both delimiters included: the payload of one 802.15.4 frame.
@@ -295,7 +295,7 @@ STATUS_FIELDS = (
 
 #: What has happened to the screen since reset, bits of ``screen``.
 SCREEN_FAULTS = (
-    "frame",  # a frame found no bank in its store
+    "frame",  # a frame lost its end, for the memory was too slow
     "row",  # a row came from the store too late
     "mark",  # a spot found no room among the marks
 )

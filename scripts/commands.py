@@ -51,6 +51,7 @@ SENTENCES = {
 _HEADER = 5  # kind, sequence number, tag, command, reason; or command, tag, table, first word
 #: Octets of words that fit in a TABLE, or in the answer to a READ_TABLE.
 _IDENTITY_OCTETS = sum(field.bits for field in IDENTITY_FIELDS) // 8
+_STATUS_OCTETS = sum(field.bits for field in STATUS_FIELDS) // 8
 _WORDS_OCTETS = CONTENT_LIMIT - CHECK_OCTETS - _HEADER
 
 
@@ -240,7 +241,11 @@ class Commands:
 
     def status(self):
         """STATUS_FIELDS by their names; ``state`` is a :class:`State`."""
-        values = fields_of(self.ask(Command.STATUS), STATUS_FIELDS)
+        data = self.ask(Command.STATUS)
+        if len(data) != _STATUS_OCTETS:
+            raise UserError(f"The chip's status has {len(data)} octets, not {_STATUS_OCTETS}: use "
+                            "the program of the chip's version.")
+        values = fields_of(data, STATUS_FIELDS)
         return {**values, "state": State(values["state"])}
 
     def write(self, name, value):

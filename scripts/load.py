@@ -25,8 +25,8 @@ _TIMES = {"period_us": "from pattern to pattern", "pattern_us": "exposure of the
 def add_arguments(parser):
     """Declare what ``cyclope load`` takes."""
     parser.description = (
-        "Load the tables and registers of a calibration into the chip, read all of them back, and "
-        "say how the chip is to run. Without a calibration only the rest is done.")
+        "Load the tables and registers of a calibration into the chip, read them back, have the "
+        "chip check them, and say how it is to run. Without a calibration only the rest is done.")
     parser.epilog = ("Without one of the modes the chip goes on as it was. Registers change "
                      "together, at the start of a pattern frame.")
     parser.add_argument("port", metavar="PORT", help="serial device, such as /dev/ttyUSB0")
@@ -174,6 +174,7 @@ def main(arguments):
     mode, pictures, _ = _MODES.get(arguments.mode, (None, None, None))
     calibration = None
     if arguments.calibration is not None:
+        pictures = pictures or 0
         from calibration import file
         calibration = file.load(arguments.calibration)
         chosen = {**{name: signed(name, value)
@@ -207,6 +208,7 @@ def main(arguments):
             commands, lambda state: not state.committing and (
                 mode in (None, Mode.SINGLE) or state.mode == mode) and (
                 mode in (None, Mode.STOP) or state.armed), 3.0)
+        pictures = commands.read("pictures")
     state = status["state"]
     if calibration is not None:
         words = table_contents(calibration.settings)
@@ -219,7 +221,8 @@ def main(arguments):
               else "valid" if state.tables_valid else "none that are valid")
     print(f"tables: {tables}")
     print(f"laser: {laser(status)}")
-    print(f"mode: {_mode(state)}" + (", as pictures" if pictures else ""))
+    print(f"mode: {_mode(state)}" + (
+        ", as pictures" if pictures and state.mode == Mode.PATTERN else ""))
     return 0
 
 

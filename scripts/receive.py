@@ -297,10 +297,18 @@ def _report(arguments, decoder, recorder, why):
             (decoder.garbage, "octets of garbage"), (decoder.unknown, "unknown packets"),
             (decoder.unbalanced, "frames whose counts do not add up"),
             (sum(picture.outside for picture in recorder.pictures.values()),
-             "pieces of texture outside of the sensor")):
+             "pieces of texture outside of the sensor"),
+            (recorder.unplaced, "pieces of pictures of frames that were not told of")):
         if number:
             print(f"! {number} {words}")
     if recorder.unverified:
         print(f"! {many(recorder.unverified, 'frame')} whose check failed: {MISMATCH}.")
-    if not recorder.frames and "pattern" not in recorder.seen:
+    for kind in recorder.seen:
+        wanted = kind == "pattern" or recorder.seen == {"texture"}
+        if arguments.pictures is not None and wanted and not recorder.whole[kind]:
+            print(f"! {kind}.png is not whole, only {recorder.pictures[kind].part:.0%} of it came")
+    if recorder.seen == {"texture"} and not recorder.frames:
+        print("! no pattern came, only pictures without the laser: `cyclope load PORT --pictures "
+              "--capture-ms MS` lights it for so long.")
+    elif not recorder.frames and not recorder.seen:
         print("! no frame came: `cyclope load PORT --start` starts the chip.")

@@ -33,7 +33,7 @@ _FRAMES_HEADER = ("number,kind,laser,exposure_us,timestamp_us," + ",".join(_COUN
 _CHECK = {True: "ok", False: "failed", None: ""}
 
 
-#: Texture frames of which is remembered whether they were lit.
+#: Texture frames of which is remembered whether they were lit, and pieces that wait for that.
 _REMEMBERED = 64
 
 
@@ -59,6 +59,12 @@ class Texture:
         width, height = size or (0, 0)
         self.image = np.zeros((height, width), np.uint8)
         self._fresh = np.zeros((height, width), bool)
+        self._came = np.zeros((height, width), bool)
+
+    @property
+    def part(self):
+        """Part of the picture that ever came, 0 to 1."""
+        return float(self._came.mean()) if self._came.size else 0.0
 
     @property
     def fresh(self):
@@ -70,9 +76,11 @@ class Texture:
         width, height = size
         grown = Texture(size)
         rows, columns = min(height, len(self.image)), min(width, self.image.shape[1])
-        for mine, new in ((self.image, grown.image), (self._fresh, grown._fresh)):
+        for mine, new in ((self.image, grown.image), (self._fresh, grown._fresh),
+                          (self._came, grown._came)):
             new[:rows, :columns] = mine[:rows, :columns]
-        self.size, self.image, self._fresh = size, grown.image, grown._fresh
+        self.size, self.image = size, grown.image
+        self._fresh, self._came = grown._fresh, grown._came
 
     def add(self, piece):
         """Put a piece in its place; whether the whole picture has been refreshed with it."""
@@ -86,6 +94,7 @@ class Texture:
             self.size = None
         self.image[piece.row, piece.column:end] = piece.pixels
         self._fresh[piece.row, piece.column:end] = True
+        self._came[piece.row, piece.column:end] = True
         if self.size is None or not self._fresh.all():
             return False
         self._fresh[:] = False
@@ -128,6 +137,7 @@ class Recorder:
         self.seen = set()  # pictures of which something came
         self._lit = {}  # of the last texture frames, by index
         self._early = []  # pieces that came before what tells of their frame
+        self.unplaced = 0  # those of which it did not come
         self._trusted = False  # the last check that could be made was right
         self._placed = 0
         self._files = ExitStack()
@@ -151,23 +161,19 @@ class Recorder:
             self._lit[event.index] = event.laser
             if len(self._lit) > _REMEMBERED:
                 del self._lit[min(self._lit)]
-            early, self._early = self._early, []
-            for piece in early:
-                self._piece(piece, self._lit.get(piece.index, event.laser))
+            self._place_early()
             self._row(event, "texture", [str(event.skipped) if name == "skipped" else ""
                                          for name in _COUNTED], "", "")
         elif isinstance(event, TexturePiece):
-            if event.index in self._lit:
-                self._piece(event, self._lit[event.index])
-            else:
-                self._early.append(event)
+            self._early.append(event)
+            if event.index in self._lit or len(self._early) > _REMEMBERED:
+                self._place_early()
         elif isinstance(event, Reply):
             self._reply(event)
 
     def finish(self):
         """Complete all files."""
-        for piece in self._early:
-            self._piece(piece, "pattern" in self.seen and "texture" not in self.seen)
+        self._place_early()
         for kind in self.seen:
             self._picture(kind, self.folder / f"{kind}.png")
         with open(self.folder / "points.ply", "w", newline="\n") as file:
@@ -182,6 +188,15 @@ class Recorder:
 
     def __exit__(self, *details):
         self._files.close()
+
+    def _place_early(self):
+        """Pieces go to the picture of their frame's kind; they will come again if it is unknown."""
+        for piece in self._early:
+            if piece.index in self._lit:
+                self._piece(piece, self._lit[piece.index])
+            else:
+                self.unplaced += 1
+        self._early = []
 
     def _piece(self, piece, lit):
         kind = "pattern" if lit else "texture"

@@ -13,7 +13,7 @@ _CAUSES = {
     "duty": "too much light in the window", "not_armed": "light asked for while not armed",
     "heartbeat": "frames that stopped coming"}
 _FAULTS = {
-    "frame": "a frame found no bank", "row": "a row came too late", "mark": "a spot has no mark"}
+    "frame": "a frame lost its end", "row": "a row came too late", "mark": "a spot has no mark"}
 
 
 def add_arguments(parser):
@@ -42,8 +42,8 @@ def laser(status):
     return words + (f"; the guard saw {', '.join(held)}" if held else "")
 
 
-def status_table(identity, status):
-    """A table of both."""
+def status_table(identity, status, pictures=0):
+    """A table of what the chip is and does; ``pictures`` is the register."""
     from rich import box
     from rich.table import Table
     state = status["state"]
@@ -57,7 +57,9 @@ def status_table(identity, status):
     table.add_row("preset", PRESET_NAMES[preset] if preset < len(PRESET_NAMES) else str(preset),
                   f"system clock {identity['clock_khz'] / 1000:g} MHz")
     table.add_section()
-    table.add_row("mode", _MODES[state.mode], "the sensor is silent" if state.silent else "")
+    as_pictures = pictures and state.mode == Mode.PATTERN
+    table.add_row("mode", _MODES[state.mode] + (", as pictures" if as_pictures else ""),
+                  "the sensor is silent" if state.silent else "")
     table.add_row("tables", "valid" if state.tables_valid else "none", f"bank {state.bank}" + (
         ", a new set waits for its frame" if state.committing else ""))
     table.add_row("laser", "armed" if state.armed else "disarmed", "; ".join(
@@ -79,7 +81,8 @@ def main(arguments):
     console = Console()
     with open_port(arguments.port, arguments.baud, arguments.rtscts) as port:
         commands = Commands(port)
-        console.print(status_table(commands.identify(), commands.status()))
+        console.print(status_table(
+            commands.identify(), commands.status(), commands.read("pictures")))
         if arguments.registers:
             from rich import box
             from rich.table import Table

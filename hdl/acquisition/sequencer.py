@@ -64,7 +64,7 @@ class Sequencer(wiring.Component):
         High for a clock with a frame's first pixel, with its last one if it came whole, and with
         the loss of synchronism.
     sending : :py:`In(1)`
-        The imager says that a frame is on (``frame_valid``, brought into this clock).
+        The imager says that a frame is on.
     laser_armed, lit : :py:`In(1)`
         From the laser guard: a request would be heard; there is light.
     capture : :py:`In(1)`

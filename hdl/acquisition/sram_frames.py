@@ -67,6 +67,8 @@ class SRAMFrames(wiring.Component):
     i, info, broken, skipped, unread
         The writer's side, as of :class:`.FrameMemory`; a frame that is skipped and breaks off
         counts as both.
+    overrun : :py:`Out(1)`
+        Since reset some word found no room.
     acquire, give_back, idle, held, fresh, frame
         The reader's side, as of :class:`.FrameBanks`.
     fetch : :py:`In(1)`
@@ -108,6 +110,7 @@ class SRAMFrames(wiring.Component):
         self.starts = [base + bank * self.bank_words for bank in range(banks)]
         super().__init__({
             **store_members(shape),
+            "overrun": Out(1),
             "fetch": In(1),
             "fetch_row": In(range(height)),
             "turn": In(1),
@@ -140,6 +143,7 @@ class SRAMFrames(wiring.Component):
         words = Signal(range(self.bank_words + 1))
         first = Signal()
         full = Signal()  # with this pixel a word is
+        no_room = Signal()
         fails = Signal()
         whole = Signal()
         mark = self.i.p.mark
@@ -147,12 +151,14 @@ class SRAMFrames(wiring.Component):
         m.d.comb += [
             first.eq(self.i.valid & ~inside & ~mark.broken),
             full.eq(self.i.valid & ~mark.broken & ((lane == 3) | mark.line_end)),
-            fails.eq((first | (full & ~lost)) & ~queue.w_rdy
-                     | full & (first | (words == self.bank_words))),
+            no_room.eq((first | (full & ~lost)) & ~queue.w_rdy),
+            fails.eq(no_room | full & (first | (words == self.bank_words))),
             whole.eq(~mark.broken & ~fails & ~lost & (words == self.bank_words - 1)),
             queue.w_en.eq(first | (full & ~lost & ~fails)),
             queue.w_data.eq(entry),
         ]
+        with m.If(no_room):
+            m.d.sync += self.overrun.eq(1)
         with m.If(first):
             m.d.comb += [entry.kind.eq(_Kind.HEADER), entry.word.eq(self.info)]
         with m.Else():

@@ -104,7 +104,7 @@ class Commands(wiring.Component):
     bank : :py:`Out(1)`
         Bank of the tables that acts.
     tables_valid : :py:`Out(1)`
-        It was committed and checked, and its reciprocals were not written since.
+        It was committed and checked, and no table of one bank was written since.
     capture : :py:`Out(1)`
         Calibration capture: the time that CAPTURE gave is not over.
     clear : :py:`Out(1)`

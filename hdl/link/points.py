@@ -52,7 +52,7 @@ class Points(wiring.Component):
         One for each frame, needed once a packet is full or its end mark is there, and taken with
         that.
     full_records : :py:`In(1)`
-        Send all points as records; may change only between frames.
+        Send all points as records; heard with a frame's first point or end mark.
     o : :py:`Out(stream.Signature(PacketOctet))`
         Packets.
     """
@@ -97,12 +97,15 @@ class Points(wiring.Component):
         # place in head and trailer, or in the memory.
         index = Signal(10)
         ok, record = Signal(), Signal()
+        inside, kept = Signal(), Signal()  # something of the frame was taken; its form
+        records = Signal()
         reading, writing = Signal(), Signal()
         again = Signal()  # the point has been read before
         bit = Signal()
         m.d.comb += [
             ok.eq(point.status.as_value() == 0),
-            record.eq(self.full_records | ~ok),
+            records.eq(Mux(inside, kept, self.full_records)),
+            record.eq(records | ~ok),
             bit.eq(Cat(point.as_value(), C(0, 1)).bit_select(index[:7], 1)),
         ]
 
@@ -150,7 +153,7 @@ class Points(wiring.Component):
         with m.Elif(index[4]):
             m.d.comb += selected.eq(Cat(point.status.as_value() == n for n in range(4)))
         with m.Else():
-            m.d.comb += selected[4].eq(record & ~self.full_records & others_full)
+            m.d.comb += selected[4].eq(record & ~records & others_full)
         with m.If(reading | shift):
             m.d.sync += carry.eq((own & carry_in) | (field & tail & (own | carry_in)))
         with m.If(shift & tail & chain):
@@ -163,7 +166,7 @@ class Points(wiring.Component):
 
         # Head and trailer.
         wide, closing, listing, body = Signal(), Signal(), Signal(), Signal()
-        kind = Cat(closing & ~listing, self.full_records, listing, C(PacketKind.POINTS >> 3, 5))
+        kind = Cat(closing & ~listing, records, listing, C(PacketKind.POINTS >> 3, 5))
         fields = Cat(
             C(0, _HEAD), kind, info.number, info.level, info.skipped, info.tag.exposure_us,
             info.tag.timestamp_us, check.crc[0].replicate(16), counts.spots, C(0, 48),
@@ -216,21 +219,23 @@ class Points(wiring.Component):
             m.d.comb += [
                 self.i.ready.eq(1), self.counts.ready.eq(1), self.info.ready.eq(1),
                 check.start.eq(1)]
-            m.d.sync += [others.eq(0), closing.eq(0), listing.eq(0)]
+            m.d.sync += [others.eq(0), closing.eq(0), listing.eq(0), inside.eq(0)]
 
         with m.FSM():
             with m.State("NEXT"):
                 m.d.sync += [index.eq(1), borrow_not.eq(1), ahead.eq(0), too_far.eq(0)]
-                with m.If(self.i.valid & ~point.end & ~(self.full_records & used_full)):
+                with m.If(self.i.valid):
+                    m.d.sync += [inside.eq(1), kept.eq(records)]
+                with m.If(self.i.valid & ~point.end & ~(records & used_full)):
                     m.next = "READ"
                 with m.If(self.i.valid & self.info.valid
-                          & Mux(point.end, self.counts.valid, self.full_records & used_full)):
+                          & Mux(point.end, self.counts.valid, records & used_full)):
                     m.d.sync += closing.eq(point.end & ~too_full)
                     m.next = "PAD"
 
             with m.State("READ"):
                 m.d.comb += [
-                    reading.eq(1), to_others.eq(~self.full_records), put_bit.eq(bit),
+                    reading.eq(1), to_others.eq(~records), put_bit.eq(bit),
                     put.eq(record & ~(to_others & others_full)),
                 ]
                 m.d.sync += index.eq(index + 1)

@@ -64,7 +64,7 @@ class Epipolar(wiring.Component):
         Q9.4 pixels), in this order from the low bits.
     read_line, read_window : :py:`Out(36)`
         Such words, in the clock after ``read_enable``. With more than two lanes there are several
-        copies of each: if one differs from the others, all bits of both are wrong.
+        copies of each: if they are not all the same, both words are all ones, which no table has.
 
     Attributes
     ----------
@@ -290,5 +290,5 @@ class Epipolar(wiring.Component):
         copies = [Cat(*words[pair]) for pair in range(0, self.lanes, 2)]
         differ = Cat(copy != copies[0] for copy in copies[1:]).any()
         m.d.comb += Cat(self.read_line, self.read_window).eq(
-            copies[0] ^ differ.replicate(len(copies[0])))
+            copies[0] | differ.replicate(len(copies[0])))
         return words

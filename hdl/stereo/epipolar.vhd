@@ -161,7 +161,7 @@ begin
     end if;
   end process;
 
-  -- If one of the copies differs, all bits of both are wrong.
+  -- If the copies are not all the same, both words are all ones.
   compare : process (line_words, window_words)
     variable differ : word;
   begin
@@ -171,8 +171,8 @@ begin
         differ := (others => '1');
       end if;
     end loop;
-    read_line <= line_words(0) xor differ;
-    read_window <= window_words(0) xor differ;
+    read_line <= line_words(0) or differ;
+    read_window <= window_words(0) or differ;
   end process;
 
   -- The host borrows the address of the first read port: with two ports in all, a memory fits into

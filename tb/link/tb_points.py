@@ -81,6 +81,25 @@ async def random_frames(dut, gap, stall):
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
+async def the_form_is_that_of_the_first_point(dut):
+    """It may change at any time; a frame has the form that it began with."""
+    rng = np.random.default_rng(SEED)
+    bench = make(dut, stall=0.5)
+    await bench.reset()
+    form = FULL
+    for number, clocks in enumerate([3, 80, 1500, 4000, 9000, 12_000]):
+        frame = pattern_frame(rng, random_points(rng, 25, 0.8))
+        send(bench, [frame])
+        taken = len(bench.i.taken)
+        while len(bench.i.taken) == taken and not int(dut.i_valid.value):
+            await RisingEdge(dut.clk)
+        await ClockCycles(dut.clk, clocks)
+        dut.full_records.value = 1 - form
+        await check(bench, [number], [frame], form)
+        form = 1 - form
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
 async def waits_for_all_it_needs(dut):
     """Nothing is offered before it is whole, or without info and counts."""
     bench = make(dut)

@@ -80,7 +80,7 @@ class FakeInstrument:
         A bit of the radial table's memory is stuck.
     """
 
-    def __init__(self, shown, beams=9, texture=None, protocol=2, tables=1):
+    def __init__(self, shown, beams=9, texture=None, protocol=3, tables=1):
         self.shown, self.beams, self.texture = shown, beams, texture
         self.height, self.width = shown[0].shape
         self.versions = protocol, tables

@@ -150,6 +150,10 @@ def test_frames_that_come_too_soon_are_skipped_whole():
     ({"clock_hz": 16_500_000}, "clock_hz must be a multiple of 1 MHz, not 16500000"),
     ({"clock_hz": 16e6}, "clock_hz must be an integer from 1000000 to 65000000, not 16000000.0"),
     ({"lanes": 50}, "lanes must be an integer from 1 to 49, not 50"),
+    ({"converter_latency": 0}, "converter_latency must be an integer from 1 to 64, not 0"),
+    ({"converter_latency": 4, "converter_interval": 3},
+     "352 x 288 pixels of 3 clocks each take 19008 us to read, and a frame may take 19000 us: make "
+     "converter_interval less or clock_hz more"),
 ])
 def test_choices_out_of_range_are_refused(change, error):
     with pytest.raises(ValueError) as caught:

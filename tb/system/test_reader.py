@@ -233,10 +233,30 @@ def test_pictures_of_the_pattern(rig, tmp_path, capsys):
         assert np.array_equal(cv2.imread(picture, cv2.IMREAD_GRAYSCALE), shown[0])
     last = rows(tmp_path / "out" / "frames.csv")[-1]
     assert (last["kind"], last["laser"], last["flags"]) == ("texture", "on", "capture")
+    # It was over too soon.
+    octets = (tmp_path / "out" / "link.raw").read_bytes()
+    (tmp_path / "raw").write_bytes(octets[:len(octets) * 2 // 3])
+    capsys.readouterr()
+    assert run("receive", tmp_path / "raw", "-o", tmp_path / "short", "--pictures", "1") == 0
+    assert "! pattern.png is not whole, only " in capsys.readouterr().out
+
+
+def test_pictures_in_the_dark(rig, tmp_path, capsys):
+    """The capture was forgotten."""
+    with open_rtl(rig[0], images()[:1]) as terminal:
+        assert run("load", terminal.path, "--pictures", *QUICK) == 0
+        assert run("receive", terminal.path, "-o", tmp_path / "dark", "--pictures", "1") == 0
+        told = capsys.readouterr().out
+        assert "! no pattern came, only pictures without the laser: `cyclope load PORT --p" in told
+        assert run("status", terminal.path) == 0
+        assert "pattern only, as pictures" in capsys.readouterr().out
+        # A calibration is loaded to measure with.
+        assert run("load", terminal.path, rig[1]) == 0
+        assert "mode: pattern only\n" in capsys.readouterr().out
 
 
 def test_pieces_wait_for_what_tells_of_their_frame(tmp_path):
-    """Whether the laser was on; where that was lost, the next frame tells."""
+    """Whether the laser was on. Where that was lost they are left out, and counted."""
     from scripts.messages import TextureFrame, TexturePiece
     from scripts.recorder import Recorder
 
@@ -250,11 +270,13 @@ def test_pieces_wait_for_what_tells_of_their_frame(tmp_path):
         for event in (piece(1, 0), piece(2, 0), frame(2, True), piece(2, 1), frame(3, False),
                       piece(3, 1), piece(4, 0), frame(4, True), piece(5, 1)):
             recorder.take(event)
+        recorder.finish()
         images = {kind: picture.image.tolist() for kind, picture in recorder.pictures.items()}
         assert images == {"pattern": [[40, 40], [21, 21]], "texture": [[0, 0], [31, 31]]}
-        recorder.finish()
-        assert recorder.pictures["pattern"].image.tolist() == [[40, 40], [21, 21]]
-        assert recorder.pictures["texture"].image.tolist() == [[0, 0], [51, 51]]
+        assert recorder.unplaced == 2
+        for number in range(1000):
+            recorder.take(piece(9, number % 2))
+        assert 900 < recorder.unplaced < 1002
 
 
 def test_capture_and_causes(terminal, capsys):
@@ -289,13 +311,13 @@ def test_bad_values_never_reach_the_chip(words, sentence, terminal, capsys):
 
 
 @pytest.mark.parametrize("beams, size, versions, sentence", [
-    (16, (64, 48), (2, 1), "The calibration is for a sensor of 64 x 64 pixels, the chip has one of "
+    (16, (64, 48), (3, 1), "The calibration is for a sensor of 64 x 64 pixels, the chip has one of "
      "48 x 64: calibrate this rig."),
-    (9, (64, 64), (2, 1), "The calibration has 16 beams, the chip is made for 9: calibrate this "
+    (9, (64, 64), (3, 1), "The calibration has 16 beams, the chip is made for 9: calibrate this "
      "rig."),
-    (16, (64, 64), (3, 1), "The chip speaks version 3 of the protocol, this program version 2: use "
+    (16, (64, 64), (2, 1), "The chip speaks version 2 of the protocol, this program version 3: use "
      "the program of the chip's version."),
-    (16, (64, 64), (2, 9), "The chip takes tables of version 9, this program has those of version "
+    (16, (64, 64), (3, 9), "The chip takes tables of version 9, this program has those of version "
      "1: use the program of the chip's version.")])
 def test_other_chips_are_refused(beams, size, versions, sentence, rig, tmp_path, capsys):
     """Before anything is changed, and by the receiver before anything is written."""

@@ -34,7 +34,7 @@ CELLS = {
 #: What may not be passed: four-input tables, multipliers, block memories.
 LIMITS = {
     "capsule": {"lut4": 4500, "mult18x18": 14, "ramb16": 18},
-    "paper": {"lut4": 11000, "mult18x18": 56, "ramb16": 124},
+    "paper": {"lut4": 11500, "mult18x18": 56, "ramb16": 124},
     "instrument": {"lut4": 6400, "mult18x18": 14, "ramb16": 19},
     "labelling": {"lut4": 1500, "ramb16": 6},
 }

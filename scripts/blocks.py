@@ -10,7 +10,7 @@ from amaranth.lib import wiring
 
 from hdl.config import PRESETS
 
-__all__ = ["BLOCKS", "ROOT", "TOP", "UNITS", "Block", "find", "present"]
+__all__ = ["BLOCKS", "ROOT", "TOP", "UNITS", "VARIANTS", "Block", "find", "present"]
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Folders of ``hdl/``, in the order in which data flows.
@@ -24,7 +24,8 @@ class Block:
     Parameters
     ----------
     name : :class:`str`
-        Stem of the file, name of the Verilog module and of the VHDL entity.
+        Stem of the file, name of the Verilog module and of the VHDL entity. That of a variant goes
+        on with a comma and its preset.
     unit : :class:`str`
         Folder below ``hdl/``; empty for the top.
     """
@@ -33,9 +34,20 @@ class Block:
     unit: str
 
     @property
+    def stem(self):
+        """Stem of the file."""
+        return self.name.partition(",")[0]
+
+    @property
+    def preset(self):
+        """Preset that the block is of where no other is asked for."""
+        variant = self.name.partition(", ")[2]
+        return variant or ("paper" if self.name.startswith("paper") else "capsule")
+
+    @property
     def source(self):
         """Path of the Amaranth file."""
-        return ROOT / "hdl" / self.unit / f"{self.name}.py"
+        return ROOT / "hdl" / self.unit / f"{self.stem}.py"
 
     @property
     def twin(self):
@@ -46,7 +58,7 @@ class Block:
     @property
     def component_class(self):
         """The component that the file is about: the first one of its ``__all__``."""
-        module = import_module(".".join(filter(None, ("hdl", self.unit, self.name))))
+        module = import_module(".".join(filter(None, ("hdl", self.unit, self.stem))))
         for name in module.__all__:
             value = getattr(module, name)
             if isinstance(value, type) and issubclass(value, wiring.Component):
@@ -70,8 +82,7 @@ class Block:
 
     def component(self, config=None):
         """A fresh component, as the design of ``config`` holds it; its preset by default."""
-        config = config or PRESETS["paper" if self.name.startswith("paper") else "capsule"]
-        return self.component_class(**self.arguments(config))
+        return self.component_class(**self.arguments(config or PRESETS[self.preset]))
 
 
 #: Every block, in the order in which data flows.
@@ -86,6 +97,9 @@ BLOCKS = tuple(Block(name, unit) for unit, names in {
     "display": "marks vga",
     "common": "table_memory stage point_fifo sram",
 }.items() for name in names.split())
+#: Blocks that have other ports in another preset than the one that their name tells. They are
+#: proved and checked too, but are no files of an export.
+VARIANTS = (Block("commands, paper", "link"),)
 #: The whole design.
 TOP = Block("instrument", "")
 #: What is made of other blocks, each of which has its own bench and proofs.

@@ -331,6 +331,7 @@ CASES = {
     "remap": Case(_remap),
     "receiver": Case(_receiver),
     "commands": Case(_commands),
+    "commands, paper": Case(_commands),
     "camera": Case(_camera, clocks=("sync", "pixel"), resets=False),
     "sram_frames": Case(clocks=("sync", "display"), resets=False),
     "frame_gate": Case(_frame_gate, exempt=dict.fromkeys(

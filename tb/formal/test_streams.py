@@ -8,17 +8,18 @@ from amaranth.hdl import Const, Elaboratable, Fragment, Signal
 
 from hdl.common.stage import Stage
 from scripts import formal, prove
-from scripts.blocks import BLOCKS, find
+from scripts.blocks import BLOCKS, VARIANTS, find
 from tb.formal.queue_faults import FAULTS
 from tb.formal.queues import QUEUES
 from tb.formal.streams import CASES, ContractProof, stream_ports
 
+NAMED = {block.name: block for block in (*BLOCKS, *VARIANTS)}
 STREAMING = {block.name: names for block, names in prove.streaming_blocks()}
 
 
-@pytest.mark.parametrize("name", STREAMING)
+@pytest.mark.parametrize("name", dict.fromkeys((*STREAMING, *(block.name for block in VARIANTS))))
 def test_stream_contract(name):
-    outcome = prove.contract_outcome(find(name))
+    outcome = prove.contract_outcome(NAMED[name])
     wanted = "held" if name in CASES and CASES[name].bounded else "proved"
     assert outcome.result == wanted, (outcome.failed, outcome.log[-3000:])
 
@@ -54,7 +55,8 @@ class _Vacuous(Elaboratable):
 @pytest.mark.parametrize("name", sorted(name for name in CASES if CASES[name].around))
 def test_assumptions_leave_something(name):
     """What is assumed about a block's surroundings is not a contradiction in itself."""
-    text = formal.to_rtlil(_Vacuous(ContractProof(find(name).component(), CASES[name])), ("false",))
+    proof = ContractProof(NAMED[name].component(), CASES[name])
+    text = formal.to_rtlil(_Vacuous(proof), ("false",))
     outcome = formal.prove(f"vacuous {name}", text, "bmc", 10)
     assert outcome.result == "failed" and outcome.failed == ("false",)
 
@@ -63,9 +65,10 @@ def test_assumptions_leave_something(name):
 def test_every_stream_is_looked_at():
     assert STREAMING.keys() >= {"camera", "labelling", "spot_queue", "depth", "point_fifo"}
     assert STREAMING["spot_queue"] == ["o", "counts"]
-    assert set(CASES) <= {block.name for block in BLOCKS}
+    assert set(CASES) <= set(NAMED)
     for name, case in CASES.items():
-        assert set(case.exempt) <= set(stream_ports(find(name).component())[1])
+        assert set(case.exempt) <= set(stream_ports(NAMED[name].component())[1])
+    assert set(stream_ports(NAMED["commands, paper"].component())[1]) == {"o", "memory"}
     gc.collect()
 
 

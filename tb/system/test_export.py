@@ -15,7 +15,7 @@ from hdl.export import LEGAL, SV_RESERVED, VHDL_RESERVED, flat_ports
 from hdl.protocol import TABLES
 from model.settings import Settings
 from scripts import export, size
-from scripts.blocks import BLOCKS, ROOT, TOP, WHOLES, Block, find, present
+from scripts.blocks import BLOCKS, ROOT, TOP, VARIANTS, WHOLES, Block, find, present
 from scripts.native import ZEROS
 from tb.hdlsim import WAIVERS, prepare_environment, require_ghdl
 
@@ -111,12 +111,24 @@ def test_verilog_is_clean(exported, block):
 
     Memories of zeros have a line for each word, half a million in all, which are left out here.
     """
+    assert_is_clean(exported.with_name("lint"), block.name, text_of(exported, block))
+
+
+@pytest.mark.parametrize("block", VARIANTS, ids=[block.name for block in VARIANTS])
+def test_variant_verilog_is_clean(block):
+    name = re.sub(r"\W+", "_", block.name)
+    folder = ROOT / "build" / "test" / "lint"
+    assert_is_clean(folder, name, export.verilog(block.component(), name))
+
+
+def assert_is_clean(folder, name, text):
+    """The Verilog ``text`` of the module ``name``, in a folder that the waivers know."""
     prepare_environment()
-    file = exported.with_name("lint") / "verilog" / f"{block.name}.v"
+    file = folder / "verilog" / f"{name}.v"
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(ZEROS.sub("", text_of(exported, block)))
+    file.write_text(ZEROS.sub("", text))
     answer = subprocess.run(
-        ["verilator", "--lint-only", "-Wall", "--top-module", block.name, WAIVERS,
+        ["verilator", "--lint-only", "-Wall", "--top-module", name, WAIVERS,
          Path(__file__).with_name("export.vlt"), file], capture_output=True, text=True)
     assert answer.returncode == 0 and not answer.stderr, answer.stderr
 

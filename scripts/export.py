@@ -23,9 +23,10 @@ from amaranth.lib import data
 
 from hdl.config import PRESETS
 from hdl.export import flat_ports, to_verilog
-from hdl.protocol import TABLES
+from hdl.protocol import PLACES, tables
 from model.errors import UserError
 from scripts.blocks import ROOT, TOP, present
+from scripts.commands import table_contents
 
 __all__ = ["Memory", "Port", "export", "memories", "ports", "verilog"]
 
@@ -41,8 +42,9 @@ README = """\
 # {name}, exported
 
 Preset `capsule`: {width} x {height} pixels, {beams} beams on {lanes} lanes; `paper.v` and what only
-it uses are of the preset `paper`. `PORTS.md` lists what joins the blocks, `MEMORIES.md` what
-memories hold at power-up.
+it uses are of the preset `paper`. `paper.v` is the measuring half alone, without commands,
+sequencer and laser guard. `PORTS.md` lists what joins the blocks, `MEMORIES.md` what memories hold
+at power-up.
 
 | Folder | Holds |
 |---|---|
@@ -213,16 +215,17 @@ def hexadecimal(memory):
 
 
 def write_tables(folder, settings):
-    """Write what a calibration loads: a file for each of the chip's memories, and the registers."""
+    """Write what a calibration loads: a file for each of the chip's tables, and the registers."""
     folder.mkdir()
-    contents = {}
-    for memory, address, word in settings.table_words():
-        contents.setdefault(memory, {})[address] = word
-    for table in TABLES:
-        words = contents.get(table.number, {})
+    contents = table_contents(settings)
+    for table in tables("paper" if settings.remap else "capsule"):
+        words = contents[table.name]
+        head = (f"table {table.number} of TABLE: {len(words)} words, each two of the external "
+                "memory, the lower one first, number" if table == PLACES
+                else f"table_select {table.number}: {len(words)} words, table_address")
         (folder / f"{table.name}.hex").write_text(
-            f"// table_select {table.number}: {len(words)} words, table_address behind the @\n"
-            + "".join(f"@{address:x} {word:x}\n" for address, word in sorted(words.items())))
+            f"// {head} behind the @\n"
+            + "".join(f"@{address:x} {word:x}\n" for address, word in enumerate(words)))
     lines = ["| Register | Value |", "|---|---:|"]
     lines += [f"| `{name}` | {value} |" for name, value in settings.registers().items()]
     (folder / "REGISTERS.md").write_text("\n".join(["# Registers", "", *lines, ""]))

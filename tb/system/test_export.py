@@ -8,11 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hdl.config import PRESETS
 from hdl.export import LEGAL, SV_RESERVED, VHDL_RESERVED, flat_ports
-from hdl.protocol import TABLES
+from hdl.protocol import PLACES, TABLES, tables
+from model.preprocessing.remap import OUTSIDE, pack_remap
 from model.settings import Settings
 from scripts import export, size
 from scripts.blocks import BLOCKS, ROOT, TOP, VARIANTS, WHOLES, Block, find, present
@@ -229,6 +231,24 @@ def test_tables_are_what_the_settings_load(tmp_path):
         for address, word in words] == list(settings.table_words())
     registers = (tmp_path / "tables" / "REGISTERS.md").read_text()
     assert "| `tangential_1` | 262143 |" in registers and "| `area_min` | 3 |" in registers
+    assert texts.keys() == {table.name for table in TABLES}
+
+
+def test_places_are_what_a_calibration_for_paper_loads(tmp_path):
+    places = np.random.default_rng(1).permutation(np.arange(20)).tolist()
+    settings = Settings(depth=(1, 2), reciprocal=(3,), radial=(4,), line=(5,), window=(6,),
+                        remap=(*places, OUTSIDE))
+    export.write_tables(tmp_path / "tables", settings)
+    written = {file.stem for file in (tmp_path / "tables").glob("*.hex")}
+    assert written == {table.name for table in tables("paper")}
+    comment, *lines = (tmp_path / "tables" / "places.hex").read_text().splitlines()
+    assert comment.startswith(f"// table {PLACES.number} of TABLE: 6 words, ")
+    halves = []
+    for number, line in enumerate(lines):
+        address, word = (int(text, 16) for text in line.removeprefix("@").split())
+        assert address == number and word < 1 << PLACES.bits
+        halves += [word & 0xFFFFFFFF, word >> 32]
+    assert halves == [*pack_remap(settings.remap), 0]
 
 
 def test_bad_calibration_is_told_in_a_sentence(tmp_path, capsys):

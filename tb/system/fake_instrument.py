@@ -64,8 +64,6 @@ class FakeInstrument:
 
     Attributes
     ----------
-    sent : :class:`dict`
-        Pattern frames by their numbers, as :func:`tb.link.wire.make_frame` has them.
     noise : :class:`float`
         Probability that a bit to the host is turned over.
     deaf : :class:`int`
@@ -84,7 +82,7 @@ class FakeInstrument:
         self.shown, self.beams, self.texture = shown, beams, texture
         self.height, self.width = shown[0].shape
         self.versions = protocol, tables
-        self.sent, self.noise, self.forgetful = {}, 0.0, False
+        self.noise, self.forgetful = 0.0, False
         self.deaf = self.damaging = self.mute = self.busy = 0
         self.registers = {name.name: name.reset for name in _REGISTERS.values()}
         self.counters = dict.fromkeys(("commands", "refused", "damaged", "pairs", "packets"), 0)
@@ -143,7 +141,6 @@ class FakeInstrument:
             seen.points, self.number, rejected=seen.rejected, level=int(seen.level),
             exposure_us=self.registers["pattern_us"], timestamp_us=self._next,
             flags=int(seen.learning) << 1 | lit << 3 | state)
-        self.sent[self.number] = frame
         self._send(self._wire.frame(frame, bool(self.registers["full_records"])))
         if mode != Mode.PATTERN:
             number = self.number + 1
@@ -265,7 +262,7 @@ class FakeInstrument:
             return Reason.WRONG_LENGTH, b""
         if first + count > table.count(self.beams, 0):
             return Reason.OUT_OF_RANGE, b""
-        if table.name == "reciprocal" and self.registers["mode"] != Mode.STOP:
+        if not table.banked and self.registers["mode"] != Mode.STOP:
             return Reason.NOT_STOPPED, b""
         for at in range(count):
             place = 3 + at * table.octets

@@ -45,11 +45,13 @@ struct Sensor {
 #ifdef CONVERTER_LATENCY
     uint8_t converted[CONVERTER_LATENCY + 1] = {};
 
-    // A clock of the converter: between results there is anything.
+    // A clock of the converter: between results, and where there is no picture, there is anything.
     void convert(Vinstrument& top) {
         std::memmove(converted + 1, converted, CONVERTER_LATENCY);
-        converted[0] = top.convert && reading ? grey[top.row * width + top.column]
+        size_t place = top.row * width + top.column;
+        converted[0] = top.convert && reading ? grey[place]
                                               : static_cast<uint8_t>(7 * converted[0] + 91);
+        if (top.convert && place == width * height - 1) reading = false;
         top.data = converted[CONVERTER_LATENCY];
     }
 #else
@@ -250,6 +252,7 @@ void instrument_fill_memory(Instrument* instrument, uint32_t address, const uint
 #endif
 
 // Faults of the sensor: it sends nothing; its next frame ends early; a row of it has another length.
+// The latter two are of one that sends frames by itself.
 void instrument_silence(Instrument* instrument, int silent) { instrument->sensor.silent = silent; }
 void instrument_stop_row(Instrument* instrument, size_t row) { instrument->sensor.stop_row = row; }
 void instrument_short_row(Instrument* instrument, size_t row, int by) {

@@ -150,15 +150,24 @@ class Instrument:
 
     def silence(self, silent):
         """A fault of the imager: it sends no frame while silent."""
+        self._require_frames()
         self._library.instrument_silence(self._handle, int(silent))
 
     def stop_row(self, row):
         """A fault of the imager: the frame ends before this row, once."""
+        self._require_frames()
         self._library.instrument_stop_row(self._handle, ctypes.c_size_t(row))
 
     def short_row(self, row, by):
         """A fault of the imager: this row lacks ``by`` pixels, or has more, once."""
+        self._require_frames()
         self._library.instrument_short_row(self._handle, ctypes.c_size_t(row), by)
+
+    def _require_frames(self):
+        """Refuse a fault that only an imager has which sends frames by itself."""
+        if self.config.converter_latency is not None:
+            raise ValueError("An imager with addressed pixels sends no frames by itself, so none "
+                             "can be missing, end early or have a row of another length")
 
 
 class Line:

@@ -50,10 +50,10 @@ def test_pairs_reach_the_reader(seed, blanking, full_records):
     assert bench.decoder.packets > len(bench.frames) + 2 * len(bench.textures)
 
 
-@pytest.mark.parametrize("latency", [9])
-def test_addressed_pixels(latency):
-    """The same of an imager whose pixels are converted one by one."""
-    config = replace(SMALL, converter_latency=latency)
+@pytest.mark.parametrize("latency,interval", [(1, 2), (9, 3)])
+def test_addressed_pixels(latency, interval):
+    """The same of an imager whose pixels are converted one by one; it has no frames to lose."""
+    config = replace(SMALL, converter_latency=latency, converter_interval=interval)
     images = [random_frame(64, 64, 70 + n) for n in range(6)]
     texture = np.random.default_rng(latency).integers(0, 256, (64, 64)).astype(np.uint8)
     bench = Whole(config, small(3), images, texture, mode=Mode.CONTINUOUS)
@@ -64,6 +64,10 @@ def test_addressed_pixels(latency):
     lit = [frame for frame in bench.frames if frame.laser]
     assert len(lit) >= 5 and set(np.diff([frame.timestamp_us for frame in lit])) == {PERIOD_US}
     assert len(bench.textures) >= 4 and bench.commands.status()["bad_sync"] == 0
+    for fault in (lambda imager: imager.silence(True), lambda imager: imager.stop_row(40),
+                  lambda imager: imager.short_row(30, 3)):
+        with pytest.raises(ValueError, match="addressed pixels sends no frames by itself"):
+            fault(bench.instrument)
 
 
 def test_video_rate():

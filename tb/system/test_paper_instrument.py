@@ -21,6 +21,7 @@ from tb.system.whole import Whole, same
 
 #: Loading takes longer than all else; the line's speed is not what matters here.
 SMALL = replace(SLOW, baud=2_000_000)
+VIDEO = replace(CIF, baud=1_000_000)
 
 
 def whole_of(config, seed, spots, **choices):
@@ -55,7 +56,7 @@ def check_frames(whole):
 
 
 @pytest.mark.parametrize("config,pairs,spots", [
-    (SMALL, 12, 12), (replace(CIF, baud=1_000_000), 6, 49)], ids=["64x64", "cif"])
+    (SMALL, 12, 12), (VIDEO, 6, 49)], ids=["64x64", "cif"])
 def test_pairs_at_video_rate(config, pairs, spots):
     """25 pairs a second: every lit pattern is measured, and textures come beside them."""
     whole = whole_of(config, 1, spots, line_blanking=48, mode=1,

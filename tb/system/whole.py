@@ -50,7 +50,8 @@ class Whole:
     load : :class:`bool`
         Load and commit the tables.
     places_in_memory : :class:`bool`
-        Put the table of places into the external memory without sending it, to save time.
+        Put the table of places into the external memory without sending most of it, to save time:
+        only the packets with its first and its last word, and those whose number is a power of two.
     registers : :class:`int`
         Further registers.
     """
@@ -62,12 +63,14 @@ class Whole:
         self.texture = blank if texture is None else texture
         #: (image or None for a texture, microseconds integrated, microseconds lit) of every frame.
         self.shown = []
+        #: How many of them came during the last COMMIT.
+        self.shown_meanwhile = 0
         self.instrument = Instrument(config, self._picture, line_blanking=line_blanking)
         self._places_in_memory = places_in_memory
         if places_in_memory:
             self.instrument.fill_memory(REMAP_BASE, pack_remap(settings.remap))
         self.line = Line(self.instrument, step_us=100)
-        self.commands = Commands(self.line, timeout=120)
+        self.commands = Commands(self.line, timeout=120, patience=120)
         self.decoder = Decoder(Rebuilder(settings, config.width, config.height))
         #: What is seen of an image that was lit for so many microseconds.
         self.light = lambda image, lit_us: image
@@ -89,11 +92,20 @@ class Whole:
         sent = damage(words) if damage else words
         self.commands.begin(config.width, config.height, config.beams)
         for table, first, some in self.commands.chunks(sent):
-            if (not not_banked and not table.banked) or (
-                    table == PLACES and self._places_in_memory):
+            if not not_banked and not table.banked:
                 continue
+            if table == PLACES and self._places_in_memory:
+                # Spoilt before, they are right again only if they come to where they belong.
+                last = first + len(some) - 1
+                if first and last != len(sent[table.name]) - 1 and (
+                        (first - 1).bit_length() == last.bit_length()):
+                    continue
+                halves = np.array(some, "<u8").view("<u4")
+                self.instrument.fill_memory(REMAP_BASE + 2 * first, ~halves)
             self.commands.write_table(table, first, some)
+        shown = len(self.shown)
         self.commands.commit(words)
+        self.shown_meanwhile = len(self.shown) - shown
 
     def _picture(self, integrated_us, lit_us):
         if integrated_us > 3000:

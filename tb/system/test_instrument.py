@@ -10,11 +10,14 @@ import pytest
 from hdl.config import Config
 from hdl.protocol import GUARD_CAUSES, Command, Mode, Reason
 from model.capsule import Capsule as Model
+from model.paper import Paper
 from scripts.commands import REGISTERS, RefusedError
 from scripts.framing import frame_packet
 from scripts.recorder import Recorder, Texture
 from tb.system.played_instrument import SMALL
 from tb.system.stimuli import any_settings, random_frame, spot_frame
+from tb.system.test_paper import settings_of as paper_settings
+from tb.system.test_paper_instrument import VIDEO
 from tb.system.whole import Whole
 
 PERIOD_US = 40_000
@@ -217,18 +220,29 @@ def test_pictures_for_a_calibration():
         assert set(map(int, np.unique(recorder.pictures["texture"].image ^ texture))) == {0}
 
 
-def test_tables_change_between_frames():
+@pytest.mark.parametrize("config,model,settings_of", [
+    (SMALL, Model, lambda seed: small(seed, level_fixed=60)),
+    (VIDEO, Paper, lambda seed: paper_settings(
+        VIDEO, seed=seed, level_fixed=60, area_min=5, report_rejected=False)),
+], ids=["capsule", "paper"])
+def test_tables_change_between_frames(config, model, settings_of):
     """A second set of tables is loaded while frames pass: each frame is the model's with the one
-    or with the other, and they change once."""
-    one, other = small(7, level_fixed=60), small(8, level_fixed=60)
+    or with the other, and they change once. In the preset `paper`, the chip reads the table of
+    places for COMMIT while frames are corrected by it."""
+    one, other = settings_of(7), settings_of(8)
     other = replace(other, **{name: getattr(one, name) for name in (
         "principal_u", "principal_v", "tangential_1", "tangential_2")})
-    bench = Whole(SMALL, one, spots(7), mode=Mode.CONTINUOUS, full_records=1)
+    paper = config.preset == "paper"
+    images = [spot_frame(config.width, config.height, 70 + n, spots=49 if paper else 12)
+              for n in range(6)]
+    bench = Whole(config, one, images, mode=Mode.CONTINUOUS, full_records=1,
+                  places_in_memory=paper)
     bench.decoder.rebuild = None
     bench.run(4 * PERIOD_US)
     bench.load(other, not_banked=False)
+    assert not paper or bench.shown_meanwhile >= 4
     bench.run(4 * PERIOD_US)
-    models = [Model(settings, 64, 64) for settings in (one, other)]
+    models = [model(settings, config.width, config.height) for settings in (one, other)]
     sets = []
     for frame in bench.frames:
         wanted = [model.frame(bench.shown[frame.index][0]).points for model in models]
@@ -236,6 +250,8 @@ def test_tables_change_between_frames():
         assert sum(fits) == 1, f"frame {frame.index}"
         sets.append(fits.index(True))
     assert sets == sorted(sets) and sum(sets) >= 3
+    lit = [frame for frame in bench.frames if frame.laser]
+    assert set(np.diff([frame.index for frame in lit])) == {2}
     bench.assert_link_is_clean()
 
 

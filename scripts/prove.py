@@ -12,7 +12,7 @@ from amaranth.hdl import Signal, UnusedElaboratable
 from hdl.acquisition.frame_banks import FrameBanks
 from hdl.acquisition.laser_guard import LaserGuard
 from scripts import formal
-from scripts.blocks import BLOCKS
+from scripts.blocks import BLOCKS, VARIANTS
 from tb.formal import guard_faults, queue_faults
 from tb.formal.frame_banks import BanksProof
 from tb.formal.laser_guard import GuardProof
@@ -64,7 +64,7 @@ def streaming_blocks():
     found = []
     with warnings.catch_warnings():  # nothing is made of the components that are looked at
         warnings.simplefilter("ignore", UnusedElaboratable)
-        for block in BLOCKS:
+        for block in (*BLOCKS, *VARIANTS):
             exempt = CASES.get(block.name, Case()).exempt
             names = [name for name, port in stream_ports(block.component())[1].items()
                      if name not in exempt and isinstance(port.ready, Signal)]

@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 import tomllib
 
 import pytest
@@ -112,15 +111,14 @@ def test_model_and_design_share_no_code(files):
             assert not re.search(rf"^\s*(from|import) {other}\b", text, re.M), name
 
 
-def test_second_setup_is_quick():
+def test_second_setup_has_nothing_to_do():
     if not (ROOT / ".venv" / "cyclope-setup").exists():
         pytest.skip("this environment was not made by scripts/setup.py")
-    start = time.monotonic()
     answer = subprocess.run(
         [os.path.realpath(sys.executable), ROOT / "scripts" / "setup.py"], cwd=ROOT,
         capture_output=True, text=True)
     assert answer.returncode == 0, answer.stderr
-    assert answer.stdout == "" and time.monotonic() - start < 2
+    assert answer.stdout == ""
 
 
 @pytest.mark.parametrize("program, sentence", [

@@ -106,7 +106,7 @@ def _until(commands, done, seconds):
         time.sleep(0.02)
 
 
-def stop(commands, seconds=3.0):
+def stop(commands, seconds=10.0):
     """Stop the chip and wait until it did."""
     commands.write("mode", Mode.STOP)
     state = _until(commands, lambda state: state.mode == Mode.STOP, seconds)["state"]

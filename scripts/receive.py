@@ -298,7 +298,7 @@ def _report(arguments, decoder, recorder, why):
             (decoder.unbalanced, "frames whose counts do not add up"),
             (sum(picture.outside for picture in recorder.pictures.values()),
              "pieces of texture outside of the sensor"),
-            (recorder.unplaced, "pieces of pictures of frames that were not told of")):
+            (recorder.unplaced, "pieces of pictures whose frame was not told of")):
         if number:
             print(f"! {number} {words}")
     if recorder.unverified:

@@ -134,7 +134,7 @@ module screen_rig #(
     frame_store store (
 `ifdef SRAM
         .fetch(fetch), .fetch_row(fetch_row), .turn(turn), .row(row), .column(column),
-        .late(late), .violations(violations), .unwritten(unwritten), .reads(reads),
+        .late(late), .overrun(), .violations(violations), .unwritten(unwritten), .reads(reads),
         .writes(writes),
 `else
         .address(address_read),

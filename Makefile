@@ -33,16 +33,16 @@ lint: tools ## check the Python, the generated Verilog and the VHDL twins
 	$(PYTEST) tb/system/test_export.py tb/system/test_repository.py
 
 bench: tools ## print speed, accuracy and size
-	$(BIN)/python -m scripts.bench
+	$(BIN)/python -m tb.benchmark.bench
 
 prove: tools ## prove the laser guard, the streams and the queues, and print the table
-	$(BIN)/python -m scripts.prove
+	$(BIN)/python -m tb.formal.prove
 
 crossings: setup ## list every path between clock domains, from the netlist
-	$(BIN)/python -m scripts.crossings
+	$(BIN)/python -m scripts.rtl.crossings
 
 synth-export: setup ## write Verilog, VHDL, tables and vendor projects to build/export
-	$(BIN)/python -m scripts.export
+	$(BIN)/python -m scripts.rtl.export
 
 clean: ## remove what was built; .venv stays
 	rm -rf build out .pytest_cache .ruff_cache

@@ -22,7 +22,7 @@ def find_spots(name, z_mm, image, settings, lens):
     """Spots of one plane frame.
 
     The threshold is learnt on the frame itself, as in the second showing of a frame; the centres
-    are the chip's, undistorted in float; with a table of places in ``settings``, they are those of
+    are the chip's, undistorted in float; with a remap table in ``settings``, they are those of
     the corrected image, as the preset ``paper`` has them.
 
     Parameters
@@ -46,7 +46,7 @@ def find_spots(name, z_mm, image, settings, lens):
         return _corrected(name, z_mm, image, settings, lens)
     level = settings.level_fixed
     if level is None:
-        level = int(threshold(histogram(image), settings.alpha))
+        level = int(threshold(histogram(image), settings.threshold_alpha))
     lit, excess = binarise(image, level)
     lit, core = erode(lit, settings.erosion)
     spots, _ = screen(label(lit, core, excess, settings.weighted), settings)

@@ -8,7 +8,7 @@ from amaranth.lib.wiring import Out, connect
 from .config import FRAMES_IN_FLIGHT, check_config
 from .payloads import FrameInfo
 from .periphery import LINGER, PORTS, Periphery, camera_pins
-from .ports import REGISTERS, TABLE_PORT, hand_on
+from .ports import REGISTERS, TABLE_PORT, connect_ports
 from .preprocessing.binarise import Binarise
 from .preprocessing.erosion import Erosion
 from .preprocessing.histogram import Histogram
@@ -18,7 +18,7 @@ from .reconstruction import Reconstruction
 
 __all__ = ["Capsule"]
 
-_SPOT_SIDE = ("alpha", "threshold_fixed", "threshold_level", *Reconstruction.registers)
+_SPOT_SIDE = ("threshold_alpha", "threshold_fixed", "threshold_level", *Reconstruction.registers)
 _PIXEL_SIDE = ("erosion_mode", "weighted")
 
 
@@ -30,9 +30,9 @@ class Capsule(wiring.Component):
     synchronism, frames that were skipped because four others were still on their way.
 
     Pixels come every clock, spots rarely. What works on spots and on the threshold is in a clock
-    domain of its own, ``spot``, which is ``sync`` unless ``gated``: then its clock is a port, and
-    may stand still in every clock in which ``busy`` is low, without any difference to what comes
-    out. On a device with clock gates that saves power; in a simulation, time.
+    domain of its own, ``spot``, which is ``sync`` unless ``clock_gated``: then its clock is a port,
+    and may stand still in every clock in which ``busy`` is low, without any difference to what
+    comes out. On a device with clock gates that saves power; in a simulation, time.
 
     Tables have two banks, the reciprocals excepted. Spots are measured with bank ``bank``, the
     host writes and reads back the other one. It may do so while ``idle`` is high; its accesses
@@ -42,7 +42,7 @@ class Capsule(wiring.Component):
     ----------
     config : :class:`hdl.config.Config`
         Constructor choices.
-    gated : :class:`bool`
+    clock_gated : :class:`bool`
         Make the clock of the spot side a port, ``spot_clk``, with ``spot_rst``.
 
     Members
@@ -88,10 +88,10 @@ class Capsule(wiring.Component):
         The word, from the second clock after ``table_read`` to the next read.
     """
 
-    def __init__(self, config, gated=False):
+    def __init__(self, config, clock_gated=False):
         check_config(config)
         self.config = config
-        self.gated = gated
+        self.clock_gated = clock_gated
         super().__init__({
             **camera_pins(config),
             **PORTS,
@@ -106,7 +106,7 @@ class Capsule(wiring.Component):
         size = {"width": config.width, "height": config.height}
 
         spot_side = DomainRenamer("spot")
-        if not self.gated:
+        if not self.clock_gated:
             m.domains.spot = ClockDomain(local=True)
             m.d.comb += [
                 ClockSignal("spot").eq(ClockSignal()), ResetSignal("spot").eq(ResetSignal())]
@@ -120,7 +120,7 @@ class Capsule(wiring.Component):
         m.submodules.periphery = periphery = Periphery(config)
         m.submodules.frame_info = frame_info = spot_side(SyncFIFO(
             width=Shape.cast(FrameInfo).width, depth=FRAMES_IN_FLIGHT))
-        hand_on(m, {**camera_pins(config), **PORTS, **periphery.registers}, self, periphery)
+        connect_ports(m, {**camera_pins(config), **PORTS, **periphery.registers}, self, periphery)
         connect(m, periphery.info, frame_info.w_stream)
         connect(m, frame_info.r_stream, periphery.frames)
 
@@ -141,7 +141,7 @@ class Capsule(wiring.Component):
             threshold.lost.eq(histogram.lost),
             histogram.address.eq(threshold.address),
             threshold.count.eq(histogram.count),
-            threshold.alpha.eq(register["alpha"]),
+            threshold.alpha.eq(register["threshold_alpha"]),
             threshold.fixed.eq(register["threshold_fixed"]),
             threshold.fixed_level.eq(register["threshold_level"]),
             periphery.level.eq(threshold.level),
@@ -157,7 +157,7 @@ class Capsule(wiring.Component):
         connect(m, labelling.o, reconstruction.i)
         connect(m, reconstruction.o, periphery.i)
         connect(m, reconstruction.counts, periphery.counts)
-        hand_on(m, TABLE_PORT, self, reconstruction)
+        connect_ports(m, TABLE_PORT, self, reconstruction)
         for name in reconstruction.registers:
             m.d.comb += getattr(reconstruction, name).eq(register[name])
 

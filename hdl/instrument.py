@@ -14,7 +14,7 @@ from .link.receiver import Receiver
 from .link.uart_rx import UARTReceiver
 from .paper import BOARD, Paper
 from .periphery import camera_pins
-from .ports import REGISTERS, TABLE_PORT, hand_on
+from .ports import REGISTERS, TABLE_PORT, connect_ports
 from .protocol import Mode
 
 __all__ = ["Instrument"]
@@ -34,7 +34,7 @@ class Instrument(wiring.Component):
     ----------
     config : :class:`hdl.config.Config`
         Constructor choices.
-    gated : :class:`bool`
+    clock_gated : :class:`bool`
         Make the clock of the spot side a port, see :class:`.capsule.Capsule`.
 
     Members
@@ -58,10 +58,10 @@ class Instrument(wiring.Component):
         In the preset ``paper`` only: external memory and screen, see :class:`.paper.Paper`.
     """
 
-    def __init__(self, config, gated=False):
+    def __init__(self, config, clock_gated=False):
         check_config(config)
         self.config = config
-        self.gated = gated
+        self.clock_gated = clock_gated
         super().__init__({
             "sensor_reset": Out(1),
             "sensor_integrate": Out(1),
@@ -106,7 +106,7 @@ class Instrument(wiring.Component):
         # Exposure, and the last word on the laser.
         m.submodules.sequencer = sequencer = Sequencer(config.clock_hz, frame_us=FRAME_US)
         m.submodules.laser_guard = guard = LaserGuard(config.clock_hz)
-        for name in ("pictures", "period_us", "pattern_reset_us", "pattern_us",
+        for name in ("pattern_as_texture", "period_us", "pattern_reset_us", "pattern_us",
                      "texture_reset_us", "texture_us"):
             m.d.comb += getattr(sequencer, name).eq(getattr(commands, name))
         m.d.comb += [
@@ -127,9 +127,9 @@ class Instrument(wiring.Component):
 
         # Pixels to points, and everything to the reader.
         paper = config.preset == "paper"
-        m.submodules.measure = measure = (Paper if paper else Capsule)(config, self.gated)
-        hand_on(m, camera_pins(config) | (BOARD if paper else {}), self, measure)
-        hand_on(m, {**REGISTERS, **TABLE_PORT}, commands, measure)
+        m.submodules.measure = measure = (Paper if paper else Capsule)(config, self.clock_gated)
+        connect_ports(m, camera_pins(config) | (BOARD if paper else {}), self, measure)
+        connect_ports(m, {**REGISTERS, **TABLE_PORT}, commands, measure)
         if paper:
             connect(m, commands.memory, measure.memory)
             connect(m, measure.memory_word, commands.memory_word)

@@ -12,7 +12,7 @@ from .display.vga import VGA
 from .paper_points import FREE_BASE, PaperPoints
 from .payloads import MemoryCommand, Status
 from .periphery import PORTS, Periphery, camera_pins
-from .ports import REGISTERS, TABLE_PORT, hand_on
+from .ports import REGISTERS, TABLE_PORT, connect_ports
 from .protocol import SCREEN_FAULTS
 
 __all__ = ["BOARD", "Paper"]
@@ -50,12 +50,12 @@ class Paper(wiring.Component):
                      on, a word for 4 pixels               60 times a second a read for 4 pixels
     1 labelling      the image of labels from 131,072 on,  a write and a read for 2 pixels of
                      a word for 2 pixels                   each pattern
-    2 places         the table of places from 0 on, a      a read for 2 pixels of each pattern
+    2 places         the remap table from 0 on, a      a read for 2 pixels of each pattern
                      word for 2 pixels
-    3 ``memory``     any                                   the table of places, as it is loaded
+    3 ``memory``     any                                   the remap table, as it is loaded
     ================ ===================================== =====================================
 
-    The table of places, see :class:`.preprocessing.remap.Remap`, must be written through ``memory``
+    The remap table, see :class:`.preprocessing.remap.Remap`, must be written through ``memory``
     before frames are measured.
 
     The screen shows the corrected pattern frames with their spots, in the domain ``display``, see
@@ -65,7 +65,7 @@ class Paper(wiring.Component):
     ----------
     config : :class:`hdl.config.Config`
         Constructor choices; the height is at most 480, which is that of the screen.
-    gated : :class:`bool`
+    clock_gated : :class:`bool`
         Make the clock of the spot side a port, ``spot_clk``, with ``spot_rst``.
 
     Members
@@ -82,10 +82,10 @@ class Paper(wiring.Component):
         The screen.
     """
 
-    def __init__(self, config, gated=False):
+    def __init__(self, config, clock_gated=False):
         check_config(config)
         self.config = config
-        self.gated = gated
+        self.clock_gated = clock_gated
         super().__init__({
             **camera_pins(config),
             **PORTS,
@@ -101,14 +101,15 @@ class Paper(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         size = {"width": self.config.width, "height": self.config.height}
-        if not self.gated:
+        if not self.clock_gated:
             m.domains.spot = ClockDomain(local=True)
             m.d.comb += [
                 ClockSignal("spot").eq(ClockSignal()), ResetSignal("spot").eq(ResetSignal())]
 
         # From the camera, and to the link.
         m.submodules.periphery = periphery = Periphery(self.config)
-        hand_on(m, {**camera_pins(self.config), **PORTS, **periphery.registers}, self, periphery)
+        connect_ports(
+            m, {**camera_pins(self.config), **PORTS, **periphery.registers}, self, periphery)
 
         # Pattern frames to points.
         m.submodules.measure = measure = PaperPoints(self.config)
@@ -117,7 +118,7 @@ class Paper(wiring.Component):
         connect(m, measure.o, periphery.i)
         connect(m, measure.counts, periphery.counts)
         connect(m, measure.frames, periphery.frames)
-        hand_on(m, TABLE_PORT, self, measure)
+        connect_ports(m, TABLE_PORT, self, measure)
         for name, member in measure.registers.items():
             register = Signal(member.shape, name=name)
             m.d.sync += register.eq(getattr(self, name))

@@ -8,7 +8,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from .acquisition.image_bank import ImageBank
 from .config import FRAMES_IN_FLIGHT, check_config
 from .payloads import Counts, FrameInfo, GreyPixel, MemoryCommand, Point, StoredFrame
-from .ports import REGISTERS, TABLE_PORT, hand_on
+from .ports import REGISTERS, TABLE_PORT, connect_ports
 from .preprocessing.binarise import Binarise
 from .preprocessing.erosion import Erosion
 from .preprocessing.histogram import Histogram
@@ -19,7 +19,7 @@ from .reconstruction import Reconstruction
 
 __all__ = ["FREE_BASE", "LABEL_BASE", "REMAP_BASE", "PaperPoints"]
 
-#: First words in the external memory of the table of places and of the image of labels, both with
+#: First words in the external memory of the remap table and of the image of labels, both with
 #: two pixels to a word, and of what is free.
 REMAP_BASE, LABEL_BASE, FREE_BASE = 0, 1 << 17, 1 << 18
 #: Clocks from spot to spot: as many as the slowest takes to become a point, so that the burst in
@@ -35,7 +35,7 @@ class PaperPoints(wiring.Component):
     mask, eroded, labelled in two passes over an image of labels, and its spots are measured as in
     the preset ``capsule``, with all epipolar lines at once where lanes = beams. Pixels weigh 1.
 
-    Both of the paper's corrections are there: with a lens in the table of places, the registers and
+    Both of the paper's corrections are there: with a lens in the remap table, the registers and
     the radial table are those of a lens without distortion; with a table in which every pixel
     shows itself, they are the lens's.
 
@@ -45,7 +45,7 @@ class PaperPoints(wiring.Component):
     again, which frees the bank; one more clock a pixel, three a label and 22 a spot are spent on
     the second pass, while the next frame may be stored already.
 
-    Two clients of the external memory: 0 the image of labels, 1 the table of places, whose word n
+    Two clients of the external memory: 0 the image of labels, 1 the remap table, whose word n
     is at :data:`REMAP_BASE` + n, see :class:`.preprocessing.remap.Remap`.
 
     Spots are worked on in the domain ``spot``. It may stand still when ``moves`` has been low for
@@ -93,7 +93,7 @@ class PaperPoints(wiring.Component):
 
     registers = {
         **{name: REGISTERS[name] for name in (
-            "threshold_fixed", "threshold_level", "alpha", "erosion_mode")},
+            "threshold_fixed", "threshold_level", "threshold_alpha", "erosion_mode")},
         **Reconstruction.registers,
     }
 
@@ -139,7 +139,7 @@ class PaperPoints(wiring.Component):
             threshold.done.eq(threshold.known),
             threshold.lost.eq(histogram.lost),
             threshold.count.eq(histogram.count),
-            threshold.alpha.eq(self.alpha),
+            threshold.alpha.eq(self.threshold_alpha),
             threshold.fixed.eq(self.threshold_fixed),
             threshold.fixed_level.eq(self.threshold_level),
         ]
@@ -170,7 +170,7 @@ class PaperPoints(wiring.Component):
             m.d.sync += learnt.eq(1)
         connect(m, frame_info.r_stream, flipped(self.frames))
 
-        # Second reading, through the table of places.
+        # Second reading, through the remap table.
         m.submodules.remap = remap = Remap(**size)
         m.d.comb += [
             remap.start.valid.eq(bank.stored.valid & ~waiting),
@@ -216,7 +216,7 @@ class PaperPoints(wiring.Component):
             binarise.enable.eq(1),
             erosion.mode.eq(self.erosion_mode),
         ]
-        hand_on(m, {**reconstruction.registers, **TABLE_PORT}, self, reconstruction)
+        connect_ports(m, {**reconstruction.registers, **TABLE_PORT}, self, reconstruction)
 
         # Components that labelling had no labels for are counted with the others.
         m.submodules.unlabelled = unlabelled = spot_side(SyncFIFO(

@@ -10,11 +10,11 @@ from .acquisition.camera import Camera
 from .acquisition.frame_gate import FrameGate
 from .common.point_fifo import PointFIFO
 from .config import FRAMES_IN_FLIGHT, check_config
+from .link.point_limiter import PointLimiter
 from .link.points import Points
-from .link.quota import Quota
 from .link.transmitter import Transmitter
 from .payloads import Counts, FrameInfo, FrameTag, GreyPixel, PacketOctet, Point
-from .ports import REGISTERS, hand_on
+from .ports import REGISTERS, connect_ports
 
 __all__ = ["LINGER", "PORTS", "Periphery", "camera_pins"]
 
@@ -79,7 +79,7 @@ class Periphery(wiring.Component):
     :py:`In(stream.Signature(FrameInfo))`
         What is told of pattern frames: points, and counts and announcement of each frame.
     sent : :py:`Out(stream.Signature(Point, always_ready=True))`
-        Points and end marks that the quota lets through, as they pass on their way to the link.
+        Points and end marks that the point limiter lets through, as they pass to the link.
     moves : :py:`In(1)`
         Something moves on the spot side.
 
@@ -133,7 +133,7 @@ class Periphery(wiring.Component):
             m.d.comb += self.frame_sending.eq(camera.sending)
             with m.If(camera.o.valid & camera.o.ready & camera.o.p.mark.broken & ~bad_sync.all()):
                 m.d.sync += bad_sync.eq(bad_sync + 1)
-        hand_on(m, camera_pins(config), self, camera)
+        connect_ports(m, camera_pins(config), self, camera)
         m.submodules.frame_gate = gate = FrameGate()
         connect(m, camera.o, gate.i)
         connect(m, gate.o, flipped(self.o))
@@ -144,20 +144,20 @@ class Periphery(wiring.Component):
         ]
 
         # Points to packets.
-        m.submodules.quota = quota = spot_side(Quota(FRAMES_IN_FLIGHT))
+        m.submodules.point_limiter = point_limiter = spot_side(PointLimiter(FRAMES_IN_FLIGHT))
         m.submodules.point_fifo = point_fifo = spot_side(PointFIFO())
         m.submodules.points = points = spot_side(Points())
-        connect(m, flipped(self.i), quota.i)
-        connect(m, flipped(self.counts), quota.counts_i)
-        connect(m, quota.o, point_fifo.i)
-        connect(m, quota.counts_o, points.counts)
+        connect(m, flipped(self.i), point_limiter.i)
+        connect(m, flipped(self.counts), point_limiter.counts_i)
+        connect(m, point_limiter.o, point_fifo.i)
+        connect(m, point_limiter.counts_o, points.counts)
         connect(m, point_fifo.o, points.i)
         connect(m, flipped(self.frames), points.info)
         m.d.comb += [
-            quota.limit.eq(register["points_max"]),
+            point_limiter.limit.eq(register["points_max"]),
             points.full_records.eq(register["full_records"]),
-            self.sent.valid.eq(quota.o.valid & quota.o.ready),
-            self.sent.payload.eq(quota.o.payload),
+            self.sent.valid.eq(point_limiter.o.valid & point_limiter.o.ready),
+            self.sent.payload.eq(point_limiter.o.payload),
         ]
 
         # Link. Octets cross to the side whose clock never stops.

@@ -5,13 +5,13 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .payloads import COORDINATE_BITS
 
-__all__ = ["REGISTERS", "TABLE_PORT", "hand_on"]
+__all__ = ["REGISTERS", "TABLE_PORT", "connect_ports"]
 
 #: Registers that measuring needs, by their names in :mod:`hdl.protocol`.
 REGISTERS = {
     "threshold_fixed": In(1),
     "threshold_level": In(8),
-    "alpha": In(8),
+    "threshold_alpha": In(8),
     "erosion_mode": In(2),
     "weighted": In(1),
     "area_min": In(8),
@@ -38,7 +38,7 @@ TABLE_PORT = {
 }
 
 
-def hand_on(m, members, outer, inner):
+def connect_ports(m, members, outer, inner):
     """Connect ``members`` of a component to those of the same names of one inside it.
 
     Parameters

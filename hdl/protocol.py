@@ -1,7 +1,8 @@
 """The one source of registers, tables, commands and packets.
 
 ``hdl/link`` is built from these tables, the reader's side uses the same names and numbers, and
-the tables of ``hdl/link/README.md`` are written from them (``python -m scripts.protocol``).
+the tables of ``hdl/link/README.md`` are written from them by
+``python -m scripts.rtl.readme_tables``.
 
 All numbers of more than one octet go low octet first, and bits low bit first.
 """
@@ -12,7 +13,7 @@ from enum import IntEnum
 __all__ = [
     "PRESET_NAMES", "PROTOCOL_VERSION", "TABLE_VERSION", "WIRE_LIMIT", "GAP_CHARACTERS",
     "CONTENT_LIMIT", "COMPACT", "PacketKind", "Flag", "Command", "Reason", "Mode", "Register",
-    "Field", "Table", "TABLES", "PLACES", "TRAILER_FIELDS", "TEXTURE_FIELDS", "IDENTITY_FIELDS",
+    "Field", "Table", "TABLES", "REMAP", "TRAILER_FIELDS", "TEXTURE_FIELDS", "IDENTITY_FIELDS",
     "STATUS_FIELDS", "GUARD_CAUSES", "SCREEN_FAULTS", "registers", "tables",
 ]
 
@@ -184,11 +185,12 @@ def registers(clock_hz=16_000_000, baud=115_200):
         Register(0x03, "pattern_us", 16, 500, "integration of the pattern, laser on", low=1),
         Register(0x04, "texture_reset_us", 16, 100, "sensor reset before the texture", low=1),
         Register(0x05, "texture_us", 16, 10_000, "integration of the texture, laser off", low=1),
-        Register(0x06, "pictures", 1, 0, "in mode 3, send pattern frames as textures are sent, and "
-                 "no points of them"),
+        Register(0x06, "pattern_as_texture", 1, 0,
+                 "in mode 3, send pattern frames as textures are sent, and no points of them"),
         Register(0x10, "threshold_fixed", 1, 0, "use `threshold_level` instead of the learnt one"),
         Register(0x11, "threshold_level", 8, 0, "fixed threshold"),
-        Register(0x12, "alpha", 8, 5 << 4, "T = mean + alpha sigma, unsigned Q4.4"),
+        Register(0x12, "threshold_alpha", 8, 5 << 4,
+                 "T = mean + threshold_alpha sigma, unsigned Q4.4"),
         Register(0x13, "erosion_mode", 2, 2, "0 off, 1 erode, 2 gate", high=2),
         Register(0x14, "weighted", 1, 1, "weigh pixels by grey - level + 1"),
         Register(0x15, "area_min", 8, 3, "smallest area of a spot in pixels", low=1),
@@ -226,7 +228,7 @@ class Table:
 
     def count(self, beams, pixels):
         """Words that a chip with so many beams and pixels takes."""
-        return {"depth": 2 * beams, "beams": beams, "places": -(-pixels // 4)}.get(
+        return {"depth": 2 * beams, "beams": beams, "remap": -(-pixels // 4)}.get(
             self.name, self.words)
 
 
@@ -243,14 +245,14 @@ TABLES = (
           "Q9.4, 13 bits each; 1 bit zero"),
 )
 #: The preset ``paper`` has one more, in its external memory.
-PLACES = Table(4, "places", None, 64, "places of four pixels of the corrected image: two words of "
+REMAP = Table(4, "remap", None, 64, "places of four pixels of the corrected image: two words of "
                "hdl/preprocessing/remap.py, the lower one first; preset `paper` only",
                banked=False)
 
 
 def tables(preset):
     """Tables of a preset, in the order of their CRCs in COMMIT."""
-    return (*TABLES, PLACES) if preset == "paper" else TABLES
+    return (*TABLES, REMAP) if preset == "paper" else TABLES
 
 
 #: Causes that the laser guard holds until CLEAR, bits of ``guard_causes``.

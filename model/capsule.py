@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from model.link.point_limiter import limit_points
 from model.link.points import PatternFrame
-from model.link.quota import within_quota
 from model.preprocessing.binarise import binarise
 from model.preprocessing.erosion import erode
 from model.preprocessing.histogram import histogram
@@ -73,7 +73,7 @@ class Capsule:
         else:
             result = self._measure(image, level)
         if fixed is None:
-            self._level = int(threshold(histogram(image), self.settings.alpha))
+            self._level = int(threshold(histogram(image), self.settings.threshold_alpha))
         self.number = (self.number + 1) & 0xFFFF
         return result
 
@@ -83,6 +83,6 @@ class Capsule:
         lit, core = erode(lit, settings.erosion)
         spots, counts = screen(label(lit, core, excess, settings.weighted), settings)
         points = reconstruct(spots, settings, self.width, self.height)
-        points, dropped = within_quota(points, self.points_max)
+        points, dropped = limit_points(points, self.points_max)
         return PatternFrame(points=points, number=self.number, level=level, dropped=dropped,
                             spots=counts["spots"], rejected=counts["rejected"])

@@ -1,8 +1,8 @@
 """The golden model of the preset ``paper``: frames in, points and counts out, bit for bit."""
 
 from model.capsule import checked
+from model.link.point_limiter import limit_points
 from model.link.points import PatternFrame
-from model.link.quota import within_quota
 from model.preprocessing.binarise import binarise
 from model.preprocessing.erosion import erode
 from model.preprocessing.histogram import histogram
@@ -41,7 +41,7 @@ def corrected_spots(image, settings, labels=LABELS):
     """
     level = settings.level_fixed
     if level is None:
-        level = int(threshold(histogram(image, whole=True), settings.alpha))
+        level = int(threshold(histogram(image, whole=True), settings.threshold_alpha))
     lit, _ = binarise(remap(image, settings.remap), level)
     lit, core = erode(lit, settings.erosion)
     found, unlabelled = label_in_two_passes(lit, core, labels)
@@ -96,7 +96,7 @@ class Paper:
         settings = self.settings
         level, spots, counts = corrected_spots(image, settings, self.labels)
         points = reconstruct(spots, settings, self.width, self.height)
-        points, beyond = within_quota(points, self.points_max)
+        points, beyond = limit_points(points, self.points_max)
         dropped = min(counts["dropped"] + beyond, _COUNT_LIMIT)
         number, self.number = self.number, (self.number + 1) & 0xFFFF
         return PatternFrame(points=points, number=number, level=level, spots=counts["spots"],

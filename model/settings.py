@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass, field
 
+from model.preprocessing.remap import pack_remap
+
 __all__ = ["EROSION_MODES", "RADIAL_WORDS", "RECIPROCAL_WORDS", "DEPTH", "RECIPROCAL", "RADIAL",
-           "BEAMS", "Settings"]
+           "BEAMS", "Settings", "table_contents"]
 
 #: Erosion modes in the order of their codes.
 EROSION_MODES = ("off", "erode", "gate")
@@ -22,7 +24,7 @@ class Settings:
     ----------
     level_fixed : :class:`int` or None
         Fixed threshold, 1 to 255; None for the adaptive one.
-    alpha : :class:`int`
+    threshold_alpha : :class:`int`
         Standard deviations above the mean, unsigned Q4.4.
     erosion : :class:`str`
         One of :data:`EROSION_MODES`.
@@ -44,7 +46,7 @@ class Settings:
     """
 
     level_fixed: int | None = None
-    alpha: int = 5 << 4
+    threshold_alpha: int = 5 << 4
     erosion: str = "gate"
     weighted: bool = True
     area_min: int = 3
@@ -66,7 +68,7 @@ class Settings:
         return {
             "threshold_fixed": int(self.level_fixed is not None),
             "threshold_level": int(self.level_fixed or 0),
-            "alpha": int(self.alpha),
+            "threshold_alpha": int(self.threshold_alpha),
             "erosion_mode": EROSION_MODES.index(self.erosion),
             "weighted": int(self.weighted),
             "area_min": int(self.area_min),
@@ -86,3 +88,19 @@ class Settings:
                              (RADIAL, self.radial), (BEAMS, beams)):
             for address, word in enumerate(words):
                 yield table, address, int(word)
+
+
+def table_contents(settings):
+    """Words of every table of the preset that the settings are for, by the table's name."""
+    words = {
+        "depth": [int(word) for word in settings.depth],
+        "reciprocal": [int(word) for word in settings.reciprocal],
+        "radial": [int(word) & 0x3FFFF for word in settings.radial],
+        "beams": [int(line) | int(window) << 36
+                  for line, window in zip(settings.line, settings.window, strict=True)]}
+    if settings.remap:
+        places = [int(word) for word in pack_remap(settings.remap)]
+        places += [0] * (len(places) % 2)
+        words["remap"] = [low | high << 32
+                           for low, high in zip(places[::2], places[1::2], strict=True)]
+    return words

@@ -13,15 +13,15 @@ import time
 from pathlib import Path
 
 from model.errors import UserError
-from scripts import cli
+from scripts.cyclope import cli
+from scripts.paths import ROOT
 
 __all__ = ["main", "prepare"]
 
-ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "out" / "demo"
 #: Fewer beams found than this, and something is broken.
 LEAST_FOUND = 0.9
-_MAKERS = ("calibration", "model", "scripts/simulate.py", "scripts/calibrate.py",
+_MAKERS = ("calibration", "model", "scripts/cyclope/simulate.py", "scripts/cyclope/calibrate.py",
            "scripts/demo.py")
 
 _LEFT = (
@@ -75,7 +75,7 @@ def prepare(folder):
         return capture, calibration
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    _command("simulate", "polyp", capture, "--rig", "capsule", "--frames", "12", "--seed", "1")
+    _command("simulate", "polyp", capture, "--rig", "endoscope", "--frames", "12", "--seed", "1")
     _command("calibrate", capture, "-o", calibration)
     stamp.write_text(wanted)
     return capture, calibration
@@ -84,13 +84,13 @@ def prepare(folder):
 def _run_instrument(folder, calibration):
     """Load the instrument, start it, receive from it; gives the emulator."""
     from model.optics.rigs import RIGS
-    from scripts.emulate import Emulator
-    from scripts.terminal import Terminal
+    from scripts.simulation.emulator import Emulator
+    from scripts.simulation.terminal import Terminal
 
     result = folder / "result"
     shutil.rmtree(result, ignore_errors=True)
     print("building and starting the instrument", flush=True)
-    emulator = Emulator("polyp", RIGS["capsule"], seed=2, scenes=_SCENES)
+    emulator = Emulator("polyp", RIGS["endoscope"], seed=2, scenes=_SCENES)
     with Terminal(emulator, speed=None) as terminal:
         _command("load", terminal.path, calibration, "--start")
         _command("receive", terminal.path, "--calibration", calibration, "--frames", _FRAMES, "-o",
@@ -106,11 +106,11 @@ def _judge(folder, calibration_path, emulator):
     from rich.console import Console
 
     from calibration import file
-    from scripts.accuracy import compare, load_points, load_truth
-    from scripts.pictures import beam_segments, draw_frame, write_picture
-    from scripts.plots import plot_cloud, plot_error
-    from scripts.points import Shown
-    from scripts.summary import accuracy_table
+    from scripts.results.accuracy import compare, load_points, load_truth
+    from scripts.results.overlay import beam_segments, draw_frame, write_picture
+    from scripts.results.points import Shown
+    from scripts.results.report_plots import plot_cloud, plot_error
+    from scripts.results.summary import accuracy_table
 
     result = folder / "result"
     calibration = file.load(calibration_path)

@@ -20,12 +20,13 @@ import pytest
 from cocotb_tools import runner as cocotb_runner
 
 from hdl.export import to_verilog
-from scripts.verilator import verilator_environment
+from scripts import paths
+from scripts.paths import ROOT
+from scripts.simulation.verilator import verilator_environment
 
 __all__ = ["run", "prepare_environment", "require_ghdl"]
 
-ROOT = Path(__file__).resolve().parents[1]
-BUILD = ROOT / "build" / "sim"
+BUILD = paths.BUILD / "sim"
 WAIVERS = ROOT / "tb" / "verilator.vlt"
 WAVES = os.environ.get("WAVES") == "1"
 

@@ -10,7 +10,7 @@ import numpy as np
 from amaranth.lib import data
 
 from hdl.export import flat_ports, to_verilog
-from scripts.native import build
+from scripts.simulation.library import build
 
 __all__ = ["Beats", "NativeBlock", "pack", "unpack"]
 

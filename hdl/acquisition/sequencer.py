@@ -54,7 +54,7 @@ class Sequencer(wiring.Component):
     -------
     mode : :py:`In(2)`
         See :class:`hdl.protocol.Mode`. ``SINGLE`` takes a pair whenever the mode changes to it.
-    pictures : :py:`In(1)`
+    pattern_as_texture : :py:`In(1)`
         In mode ``PATTERN``: frames are to be sent as pictures.
     period_us : :py:`In(16)`
         From pattern to pattern. For this and all other times, 0 means 1.
@@ -113,7 +113,7 @@ class Sequencer(wiring.Component):
         self.begin_us, self.frame_us, self.warm_up_us = begin_us, frame_us, warm_up_us
         super().__init__({
             "mode": In(2),
-            "pictures": In(1),
+            "pattern_as_texture": In(1),
             **{name: In(16) for name in _TIMES},
             "frame_begun": In(1),
             "frame_ended": In(1),
@@ -198,7 +198,7 @@ class Sequencer(wiring.Component):
             with m.State("TAKE"):
                 m.d.sync += [
                     taken.eq(self.mode), dark.eq(warming),
-                    picture.eq(self.pictures & (self.mode == Mode.PATTERN))]
+                    picture.eq(self.pattern_as_texture & (self.mode == Mode.PATTERN))]
                 with m.If(stopped):
                     m.next = "IDLE"
                 with m.Elif(texture & (self.mode == Mode.PATTERN)):

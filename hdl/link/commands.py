@@ -9,9 +9,9 @@ from hdl.protocol import (
     CONTENT_LIMIT,
     GUARD_CAUSES,
     IDENTITY_FIELDS,
-    PLACES,
     PRESET_NAMES,
     PROTOCOL_VERSION,
+    REMAP,
     SCREEN_FAULTS,
     STATUS_FIELDS,
     TABLE_VERSION,
@@ -59,7 +59,7 @@ class Commands(wiring.Component):
     was committed changes places with the old one then too, and ``tables_valid`` rises.
 
     Host accesses to the tables go to bank ``~bank``, where there are two. They come while
-    ``table_ready`` is high, one in four clocks or fewer. The table of places of the preset
+    ``table_ready`` is high, one in four clocks or fewer. The remap table of the preset
     ``paper`` is in its external memory, two words for each of the table's. COMMIT reads every word
     of a set once for each of its octets, and takes :meth:`commit_clocks` clocks.
 
@@ -112,7 +112,7 @@ class Commands(wiring.Component):
     memory, memory_word : :py:`Out(stream.Signature(MemoryCommand))`, \
     :py:`In(stream.Signature(32, always_ready=True))`
         The external memory, in the preset ``paper`` only: word 2n has the lower half of word n of
-        the table of places.
+        the remap table.
     laser_armed, sensor_silent, guard_causes, pairs, timeouts, bad_sync, overrun, skipped, \
     packets, late, screen
         What STATUS tells besides, see :data:`hdl.protocol.STATUS_FIELDS`.
@@ -250,7 +250,7 @@ class Commands(wiring.Component):
             self.table_address.eq(place_in_table),
             self.table_data.eq(word),
         ]
-        # The table of places lies in the external memory.
+        # The remap table lies in the external memory.
         in_memory = C(0, 1)
         if self.has_memory:
             in_memory = Signal()
@@ -258,7 +258,7 @@ class Commands(wiring.Component):
             upper = half | place[4:8].any()
             memory = self.memory
             m.d.comb += [
-                in_memory.eq(select == PLACES.number),
+                in_memory.eq(select == REMAP.number),
                 memory.p.address.eq(Cat(upper, place_in_table)),
                 memory.p.data.eq(word[:64].word_select(upper, 32)),
             ]

@@ -1,4 +1,4 @@
-"""Distortion correction of the whole image: a second reading through a table of places."""
+"""Distortion correction of the whole image: a second reading through a remap table."""
 
 from amaranth import *
 from amaranth.lib import stream, wiring

@@ -24,7 +24,7 @@ class Registers:
     pattern_us: int = 500
     texture_reset_us: int = 100
     texture_us: int = 10_000
-    pictures: int = 0
+    pattern_as_texture: int = 0
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ class Schedule:
         frame.asked = not texture and bool(self.armed(take))
         times = (values.texture_reset_us, values.texture_us) if texture else (
             values.pattern_reset_us, values.pattern_us)
-        frame.picture = bool(texture or values.pictures and values.mode == PATTERN)
+        frame.picture = bool(texture or values.pattern_as_texture and values.mode == PATTERN)
         frame.exposure_us = max(1, times[1])
         frame.pins = exposure(self.clock_hz, *times, frame.asked, take)
         frame.timestamp_us = frame.pins["sensor_integrate"][0] // self.clocks

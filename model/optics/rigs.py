@@ -1,7 +1,7 @@
 """Complete rigs: camera, projector, spots, noise, and the distances they are meant for.
 
 ======================= ============== =================== ==============
-rig                     ``capsule``    ``demonstrator``    ``small``
+rig                     ``endoscope``  ``demonstrator``    ``small``
 ======================= ============== =================== ==============
 sensor                  352 x 288      352 x 288           64 x 64
 beams                   7 x 7          7 x 7               4 x 4
@@ -135,7 +135,7 @@ def nominal(rig: Rig, rng: np.random.Generator, error: float = 1.0) -> Nominal:
 
 
 _CAPSULE = Rig(
-    name="capsule",
+    name="endoscope",
     camera=Camera(352, 288, 360.0, (177.1, 142.3), k1=-0.12, k2=0.02, p1=5e-4, p2=-4e-4),
     projector=Projector(7, 7, 6.3, 8.5, 2.5, (5.0, 0.05, 0.12), irregularity_deg=0.02),
     spots=Spots(waist_mm=0.10, divergence_mrad=3.0, blur_px=0.8),

@@ -1,4 +1,4 @@
-"""Whole-image distortion correction: a table of places, nearest neighbour."""
+"""Whole-image distortion correction: a remap table, nearest neighbour."""
 
 import numpy as np
 

@@ -7,7 +7,7 @@ from tb.hdlsim import run
 
 @pytest.mark.parametrize("rig, width, height, blanking, period_us", [
     ("small", 64, 64, 0, 13_000), ("small", 64, 64, 48, 13_000),
-    ("capsule", 352, 288, 48, 40_000)])
+    ("endoscope", 352, 288, 48, 40_000)])
 def test_pairs(request, rig, width, height, blanking, period_us):
     """The guard's window is short, so that few dark frames come before the first pair."""
     run(request, "acquisition_rig", "tb.acquisition.tb_acquisition_rig", component=AcquisitionRig(

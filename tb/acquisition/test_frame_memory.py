@@ -7,7 +7,7 @@ import pytest
 
 from hdl.acquisition.frame_memory import FrameMemory
 from hdl.export import to_verilog
-from scripts.size import measure_verilog
+from scripts.rtl.size import measure_verilog
 from tb.acquisition.bank_faults import planted
 from tb.acquisition.tb_frame_memory import CLOCKS
 from tb.hdlsim import run

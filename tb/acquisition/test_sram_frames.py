@@ -4,7 +4,7 @@ from amaranth.hdl import unsigned
 
 from hdl.acquisition.sram_frames import SRAMFrames
 from hdl.export import to_verilog
-from scripts.size import measure_verilog
+from scripts.rtl.size import measure_verilog
 from tb.hdlsim import run
 
 

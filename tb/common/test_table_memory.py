@@ -3,7 +3,7 @@ import pytest
 
 from hdl.common.table_memory import TableMemory
 from hdl.export import to_verilog
-from scripts.size import measure_verilog
+from scripts.rtl.size import measure_verilog
 from tb.hdlsim import run
 
 

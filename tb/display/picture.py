@@ -15,11 +15,11 @@ import numpy as np
 from calibration import file
 from model.capsule import Capsule
 from scripts import demo
+from scripts.paths import ROOT
 from tb.display.screens import play
 
 __all__ = ["main", "rendered_scene"]
 
-ROOT = Path(__file__).resolve().parents[2]
 #: Frame of the capture, and screens to wait for: the texture is stored in the third.
 _FRAME, _SCREENS = 3, 4
 

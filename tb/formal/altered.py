@@ -3,7 +3,7 @@
 import sys
 import types
 
-from scripts.blocks import ROOT
+from scripts.paths import ROOT
 
 __all__ = ["altered"]
 

@@ -16,7 +16,7 @@ from amaranth.hdl import (
     Value,
 )
 
-from scripts import formal
+from tb.formal import symbiyosys as formal
 
 __all__ = ["BanksProof"]
 

@@ -5,7 +5,7 @@ Every input is free in every clock, reset included. The observer's own state is 
 
 from amaranth.hdl import Cat, Elaboratable, Fragment, Module, Mux, ResetSignal, Signal, Value
 
-from scripts import formal
+from tb.formal import symbiyosys as formal
 
 __all__ = ["GuardProof"]
 

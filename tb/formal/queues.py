@@ -26,7 +26,7 @@ from hdl.common.point_fifo import PointFIFO
 from hdl.common.stage import Stage
 from hdl.payloads import Counts, FrameInfo, GreyPixel
 from hdl.preprocessing.spot_queue import SpotQueue
-from scripts import formal
+from tb.formal import symbiyosys as formal
 from tb.formal.streams import async_queue, free_inputs
 
 __all__ = ["QUEUES", "Queue", "QueueProof"]
@@ -228,7 +228,7 @@ def _library(shape, depth):
 QUEUES = {
     "stage": Queue(Stage, _stage, (), "one word between two blocks"),
     "frame_info": _library(FrameInfo, 4),
-    "quota.queue": _library(Counts, 4),
+    "point_limiter.queue": _library(Counts, 4),
     "remap.queue": _library(8, 16),
     "addressed_camera.queue": _library(GreyPixel, 8),
     "camera.queue": Queue(lambda: fifo.AsyncFIFO(

@@ -23,7 +23,7 @@ from amaranth.lib import stream, wiring
 
 from hdl.link import texture
 from hdl.stereo.undistort import _Phase as Phase
-from scripts import formal
+from tb.formal import symbiyosys as formal
 
 __all__ = ["CASES", "Case", "ContractProof", "async_queue", "free_inputs", "stream_ports"]
 
@@ -35,7 +35,7 @@ class Case:
     Parameters
     ----------
     around : callable, optional
-        Gets the module, the block and its signals (:func:`scripts.formal.internals`); adds
+        Gets the module, the block and its signals (:func:`tb.formal.symbiyosys.internals`); adds
         assumptions about what is around the block, and invariants, which are claimed too.
     exempt : :class:`dict`
         Streams that go out for which nothing is claimed, and why.
@@ -304,7 +304,7 @@ def _sync_queue(m, g, prefix, depth):
         (g[f"{prefix}.produce"] - g[f"{prefix}.consume"] - level) & (depth - 1)) == 0)
 
 
-def _quota(m, block, g, inside):
+def _point_limiter(m, block, g, inside):
     # The limit changes only between frames, so not while a point waits.
     waits = Signal(reset_less=True)
     m.d.sync += waits.eq(block.i.valid & ~block.i.ready)
@@ -324,7 +324,7 @@ CASES = {
     "addressed_camera": Case(_addressed_camera),
     "depth": Case(_depth),
     "undistort": Case(_undistort),
-    "quota": Case(_quota),
+    "point_limiter": Case(_point_limiter),
     "framer": Case(_framer),
     "texture": Case(_texture),
     "image_bank": Case(_image_bank),

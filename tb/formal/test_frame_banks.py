@@ -4,8 +4,8 @@
 import pytest
 
 from hdl.acquisition.frame_banks import FrameBanks
-from scripts import formal
 from tb.acquisition.bank_faults import FAULTS, planted
+from tb.formal import symbiyosys as formal
 from tb.formal.frame_banks import BanksProof
 
 

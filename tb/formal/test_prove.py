@@ -4,7 +4,8 @@
 import pytest
 from amaranth.hdl import Elaboratable, Module, Signal
 
-from scripts import formal, prove
+from tb.formal import prove
+from tb.formal import symbiyosys as formal
 from tb.formal.guard_faults import FAULTS, SCALED, Fault, guard_class
 from tb.formal.laser_guard import GuardProof
 

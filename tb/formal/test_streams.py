@@ -7,8 +7,9 @@ import pytest
 from amaranth.hdl import Const, Elaboratable, Fragment, Signal
 
 from hdl.common.stage import Stage
-from scripts import formal, prove
-from scripts.blocks import BLOCKS, VARIANTS, find
+from scripts.rtl.blocks import BLOCKS, VARIANTS, find
+from tb.formal import prove
+from tb.formal import symbiyosys as formal
 from tb.formal.queue_faults import FAULTS
 from tb.formal.queues import QUEUES
 from tb.formal.streams import CASES, ContractProof, stream_ports

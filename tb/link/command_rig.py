@@ -8,7 +8,7 @@ from amaranth.lib.wiring import In, Out
 from hdl.link.commands import Commands
 from hdl.link.receiver import Receiver
 from hdl.payloads import PacketOctet
-from hdl.protocol import PLACES, TABLES
+from hdl.protocol import REMAP, TABLES
 
 __all__ = ["SPACING", "CommandRig"]
 
@@ -111,7 +111,7 @@ class CommandRig(wiring.Component):
         commands = self.commands
         command, answer = commands.memory, commands.memory_word
         m.submodules.external = memory = Memory(
-            shape=32, depth=2 * commands.counts[PLACES.number], init=[])
+            shape=32, depth=2 * commands.counts[REMAP.number], init=[])
         port, read = memory.write_port(), memory.read_port()
         taken = command.valid & command.ready
         coming, stays = Signal(), Signal()
@@ -136,7 +136,7 @@ class CommandRig(wiring.Component):
         m.d.comb += answer.p.eq(Mux(answer.valid, held, 0))
         with m.If(stays & ~(command.valid & (Value.cast(command.p) == before))):
             m.d.sync += self.wrong.eq(1)
-        with m.If(taken & ((command.p.address >= 2 * commands.counts[PLACES.number])
+        with m.If(taken & ((command.p.address >= 2 * commands.counts[REMAP.number])
                            | (command.p.write & (command.p.lanes != 0b1111)))):
             m.d.sync += self.wrong.eq(1)
         return taken & command.p.write & command.p.address[0]

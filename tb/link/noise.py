@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdl.protocol import GAP_CHARACTERS
-from scripts.framing import Deframer
-from scripts.link import Decoder
+from scripts.host.decoder import Decoder
+from scripts.host.framing import Deframer
 from tb.link.wire import Wire, stream
 
 __all__ = ["Figures", "measure"]

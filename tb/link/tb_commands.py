@@ -146,9 +146,9 @@ async def at_once_while_stopped_and_idle(dut):
     await bench.write("mode", Mode.CONTINUOUS)
     await ClockCycles(dut.clk, 4)
     assert int(dut.mode.value) == Mode.CONTINUOUS
-    await bench.write("alpha", 9)
+    await bench.write("threshold_alpha", 9)
     await ClockCycles(dut.clk, 50)
-    assert int(dut.alpha.value) != 9
+    assert int(dut.threshold_alpha.value) != 9
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
@@ -292,7 +292,7 @@ async def reset_forgets(dut):
     await bench.reset()
     for wait in (5, 150, 400, 3000):
         await bench.ask(Command.BEGIN, SENSOR)
-        await bench.write("alpha", 1)
+        await bench.write("threshold_alpha", 1)
         await bench.pulse("apply")
         checks = b"".join(check.to_bytes(4, "little") for check in bench.model.checks())
         bench.i.append(encode(bytes([Command.COMMIT, 1]) + checks))

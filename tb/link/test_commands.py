@@ -7,13 +7,13 @@ from hdl.export import to_verilog
 from hdl.link.commands import Commands
 from hdl.protocol import GUARD_CAUSES, Command, Mode, Reason
 from model.link.receiver import encode
-from scripts.size import measure_verilog
+from scripts.rtl.size import measure_verilog
 from tb.hdlsim import run
 from tb.link.command_host import Host
 from tb.link.command_rig import CommandRig
 
 SENSOR = bytes([64, 0, 48, 0, 3, 1])
-DEPTH, RECIPROCAL, RADIAL, BEAMS, PLACES = range(5)
+DEPTH, RECIPROCAL, RADIAL, BEAMS, REMAP = range(5)
 
 
 @pytest.mark.parametrize("gap,stall", [(0.0, 0.0), (0.5, 0.0), (0.0, 0.9)])
@@ -221,7 +221,7 @@ def test_every_refusal_changes_nothing(preset):
     refused(Reason.NOT_STOPPED, Command.WRITE, word("divisor", 100))
     refused(Reason.NOT_STOPPED, Command.TABLE, table(RECIPROCAL, 0, bytes(5)))
     if preset == "paper":
-        refused(Reason.NOT_STOPPED, Command.TABLE, table(PLACES, 0, bytes(8)))
+        refused(Reason.NOT_STOPPED, Command.TABLE, table(REMAP, 0, bytes(8)))
     assert host.commit() == Reason.OK
     for command, data in [(Command.BEGIN, SENSOR), (Command.TABLE, table(RADIAL, 0, bytes(3))),
                           (Command.READ_TABLE, table(RADIAL, 0, [1])), (Command.COMMIT, no_checks)]:
@@ -264,12 +264,12 @@ def test_banks_change_places(width, height, beams, preset, seed):
         assert host.block.get("tables_valid") and host.block.get("bank") == 1 - bank
         # The set is still open: one more word, and it is right.
         assert host.load(RADIAL, [5], 1023) == Reason.OK
-        assert host.write("alpha", 10 + bank) == Reason.OK
+        assert host.write("threshold_alpha", 10 + bank) == Reason.OK
         assert host.commit() == Reason.OK
         assert host.block.get("bank") == 1 - bank
-        assert host.block.get("alpha") != 10 + bank
+        assert host.block.get("threshold_alpha") != 10 + bank
         host.pulse("apply")
-        assert host.block.get("bank") == bank and host.block.get("alpha") == 10 + bank
+        assert host.block.get("bank") == bank and host.block.get("threshold_alpha") == 10 + bank
     # What has one bank spoils the set that acts until a set is checked.
     assert host.write("mode", Mode.STOP) == Reason.OK
     host.pulse("apply")

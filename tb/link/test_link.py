@@ -8,10 +8,10 @@ import pytest
 
 from model.link import framer
 from model.link import points as points_model
-from scripts.framing import Deframer, frame_packet
-from scripts.link import Decoder
-from scripts.messages import POINT, Frame, Reply, TextureFrame, TexturePiece
-from scripts.rebuild import Rebuilder, point_check
+from scripts.host.decoder import Decoder
+from scripts.host.framing import Deframer, frame_packet
+from scripts.host.messages import POINT, Frame, Reply, TextureFrame, TexturePiece
+from scripts.host.rebuild import Rebuilder, point_check
 from tb.link.frames import EXTREMES
 from tb.link.noise import measure
 from tb.link.wire import Wire, bits_of_check, make_frame, packet, random_frame, stream

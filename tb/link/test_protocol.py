@@ -11,8 +11,8 @@ from hdl import protocol
 from hdl.link.commands import Commands
 from model.link.framer import frame, wire_octets
 from model.link.points import POINT, PatternFrame, packets
-from scripts import protocol as tables
-from scripts.blocks import ROOT
+from scripts.paths import ROOT
+from scripts.rtl import readme_tables as tables
 from tb.link.command_host import Host
 
 README = (ROOT / "hdl" / "link" / "README.md").read_text()
@@ -28,11 +28,12 @@ def test_stale_tables_are_told_and_written(monkeypatch, capsys, tmp_path):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text((ROOT / name).read_text())
     stale = tmp_path / tables.FILES[0]
-    stale.write_text(stale.read_text().replace("| `alpha` | 8 |", "| `alpha` | 9 |"))
+    stale.write_text(stale.read_text().replace(
+        "| `threshold_alpha` | 8 |", "| `threshold_alpha` | 9 |"))
     monkeypatch.setattr(tables, "ROOT", tmp_path)
     assert tables.main(["--check"]) == 1
     assert capsys.readouterr().out == (
-        "Tables are stale in hdl/link/README.md: run `python -m scripts.protocol`.\n")
+        "Tables are stale in hdl/link/README.md: run `python -m scripts.rtl.readme_tables`.\n")
     assert tables.main([]) == 0
     assert tables.main(["--check"]) == 0
     assert stale.read_text() == README
@@ -76,7 +77,7 @@ def test_the_example_is_what_the_chip_answers():
 def test_time_of_a_commit():
     assert "which takes 4 ms in the preset `capsule`" in README
     assert round(Commands(352, 288, 49, 2).commit_clocks() / 16_000) == 4
-    assert "and 156 ms with a table of places in `paper`, at 352 x 288 pixels" in README
+    assert "and 156 ms with a remap table in `paper`, at 352 x 288 pixels" in README
     assert round(Commands(352, 288, 49, 49, "paper").commit_clocks() / 16_000) == 156
 
 

@@ -4,7 +4,7 @@ import pytest
 from hdl.export import to_verilog
 from hdl.link.receiver import Receiver
 from model.link.receiver import PacketReceiver, encode
-from scripts.size import measure_verilog
+from scripts.rtl.size import measure_verilog
 from tb.hdlsim import run
 
 

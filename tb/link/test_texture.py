@@ -8,10 +8,11 @@ from tb.hdlsim import run
 from tb.link.texture_rig import TextureRig
 
 
-@pytest.mark.parametrize("width,height,gated,seed", [
+@pytest.mark.parametrize("width,height,clock_gated,seed", [
     (16, 12, False, 1), (64, 24, False, 2), (87, 20, True, 3)])
-def test_texture(request, width, height, gated, seed):
-    run(request, "texture_rig", "tb.link.tb_texture", component=TextureRig(width, height, gated),
+def test_texture(request, width, height, clock_gated, seed):
+    run(request, "texture_rig", "tb.link.tb_texture",
+        component=TextureRig(width, height, clock_gated),
         parameters={"seed": seed, "width": width, "height": height})
 
 

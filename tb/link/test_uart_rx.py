@@ -4,7 +4,7 @@ import pytest
 from hdl.export import to_verilog
 from hdl.link.uart_rx import UARTReceiver
 from model.link.uart_rx import LATENCY
-from scripts.size import measure_verilog
+from scripts.rtl.size import measure_verilog
 from tb.hdlsim import run
 
 

@@ -12,10 +12,10 @@ __all__ = ["TextureRig"]
 
 
 class TextureRig(wiring.Component):
-    """Frames to packets; with ``gated`` the clock of the sending side stands while it may."""
+    """Frames to packets; with ``clock_gated`` the clock of the sending side stands while it may."""
 
-    def __init__(self, width, height, gated=False):
-        self.size, self.gated = (width, height), gated
+    def __init__(self, width, height, clock_gated=False):
+        self.size, self.clock_gated = (width, height), clock_gated
         super().__init__({
             "i": In(stream.Signature(GreyPixel)),
             "tag": In(FrameTag),
@@ -34,8 +34,8 @@ class TextureRig(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         m.submodules.gate = gate = FrameGate()
-        texture = Texture(*self.size, domain="link" if self.gated else "sync")
-        if self.gated:
+        texture = Texture(*self.size, domain="link" if self.clock_gated else "sync")
+        if self.clock_gated:
             m.domains.link = ClockDomain(local=True)
             m.d.comb += [
                 ClockSignal("link").eq(ClockSignal()), ResetSignal("link").eq(ResetSignal())]
@@ -58,6 +58,6 @@ class TextureRig(wiring.Component):
             texture.bad_sync.eq(self.bad_sync),
             texture.overrun.eq(self.overrun),
             self.busy.eq(texture.busy),
-            self.stopped.eq(~texture.busy if self.gated else 0),
+            self.stopped.eq(~texture.busy if self.clock_gated else 0),
         ]
         return m

@@ -8,7 +8,7 @@ import zlib
 
 import numpy as np
 
-from scripts.messages import POINT
+from scripts.host.messages import POINT
 
 __all__ = ["Wire", "bits_of_check", "make_frame", "packet"]
 

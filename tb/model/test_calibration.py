@@ -27,8 +27,8 @@ from model.paper import Paper
 from model.settings import RADIAL_WORDS, RECIPROCAL_WORDS, Settings
 from model.stereo.depth import inverse_depth
 from model.stereo.epipolar import OK, match, unpack_window
-from scripts import cli
-from scripts.points import locate
+from scripts.cyclope import cli
+from scripts.results.points import locate
 
 
 def lens_of(rig):
@@ -80,7 +80,7 @@ def fitted(rig, seed, **options):
 @pytest.fixture(scope="module")
 def capsule():
     """Lines, windows and tables of the capsule rig."""
-    planes, lens, lines = fitted(RIGS["capsule"], 5)
+    planes, lens, lines = fitted(RIGS["endoscope"], 5)
     windows = choose_windows(lines, 7, planes[-1].z_mm, planes[0].z_mm)
     return lens, lines, windows, build_tables(lines, windows, 7)
 
@@ -122,7 +122,7 @@ def test_lens_that_folds_is_refused(focal, k1, k2, folds):
 @cache
 def board_views(count=10, fine=4):
     """Drawn photographs of a 9 x 6 board, fine x fine samples a pixel, and their lens."""
-    lens = lens_of(RIGS["capsule"])
+    lens = lens_of(RIGS["endoscope"])
     rng = np.random.default_rng(3)
     v, u = (np.mgrid[:lens.height * fine, :lens.width * fine] + 0.5) / fine - 0.5
     rays = np.stack([*lens.ray(*lens.undistort(u, v)), np.ones_like(u)], axis=-1)
@@ -173,7 +173,7 @@ def test_boards_that_fit_no_lens_are_refused(monkeypatch):
 # Which beam is which.
 
 @pytest.mark.parametrize("name, seed", [
-    ("capsule", 1), ("capsule", 2), ("demonstrator", 3), ("small", 4), ("small", 5)])
+    ("endoscope", 1), ("endoscope", 2), ("demonstrator", 3), ("small", 4), ("small", 5)])
 def test_identity_with_the_worst_nominal_values(name, seed):
     planes, truth, nominal, lens = observe(RIGS[name], seed, noise=0.1)
     identity = identify(planes, nominal, lens)
@@ -196,13 +196,13 @@ def test_identity_with_the_worst_nominal_values(name, seed):
     ({"pitch_deg": 6.3 * 1.15}, "projector"),
     ({"base_mm": (-5, -0.05, 0.12)}, "mesh|projector")])
 def test_numbering_is_never_shifted_silently(change, message):
-    planes, _, nominal, lens = observe(RIGS["capsule"], 8)
+    planes, _, nominal, lens = observe(RIGS["endoscope"], 8)
     with pytest.raises(UserError, match=message):
         identify(planes, replace(nominal, **change), lens)
 
 
 def test_mesh_without_a_border_is_refused():
-    rig = RIGS["capsule"]
+    rig = RIGS["endoscope"]
     fine = replace(rig.projector, rows=25, columns=25, pitch_deg=1.2, rotation_deg=3.0,
                    irregularity_deg=0)
     large = replace(rig, camera=replace(rig.camera, width=128, height=128,
@@ -214,14 +214,14 @@ def test_mesh_without_a_border_is_refused():
 
 
 def test_frames_without_spots_are_refused():
-    planes, _, nominal, lens = observe(RIGS["capsule"], 8, missing=1, strays=0, planes=4)
+    planes, _, nominal, lens = observe(RIGS["endoscope"], 8, missing=1, strays=0, planes=4)
     with pytest.raises(UserError, match="do not form the nominal 7 x 7 mesh"):
         identify(planes, nominal, lens)
 
 
 # Lines.
 
-@pytest.mark.parametrize("name", ["capsule", "demonstrator", "small"])
+@pytest.mark.parametrize("name", ["endoscope", "demonstrator", "small"])
 def test_lines_and_depth_are_the_simulators(name):
     rig = RIGS[name]
     _, _, lines = fitted(rig, 11, noise=0.02)
@@ -237,7 +237,7 @@ def test_lines_and_depth_are_the_simulators(name):
 
 def test_the_common_origin_helps():
     """Held-out planes say so, and the truth agrees."""
-    rig = RIGS["capsule"]
+    rig = RIGS["endoscope"]
     planes, _, nominal, lens = observe(rig, 12, noise=0.05)
     data = Observations.of(planes, identify(planes, nominal, lens), lens)
     lines = fit_lines(data, lens)
@@ -246,7 +246,7 @@ def test_the_common_origin_helps():
 
 
 def test_outliers_do_not_move_the_lines():
-    rig = RIGS["capsule"]
+    rig = RIGS["endoscope"]
     planes, _, nominal, lens = observe(rig, 13, noise=0.02, strays=0)
     data = Observations.of(planes, identify(planes, nominal, lens), lens)
     rng = np.random.default_rng(1)
@@ -261,14 +261,14 @@ def test_outliers_do_not_move_the_lines():
 
 
 def test_too_few_planes_are_refused():
-    planes, _, nominal, lens = observe(RIGS["capsule"], 14, planes=3)
+    planes, _, nominal, lens = observe(RIGS["endoscope"], 14, planes=3)
     data = Observations.of(planes, identify(planes, nominal, lens), lens)
     with pytest.raises(UserError, match="show 3 distances, at least 4 different"):
         check_planes(data, 7)
 
 
 def test_beams_in_too_few_planes_are_named():
-    planes, _, nominal, lens = observe(RIGS["capsule"], 15, strays=0, missing=0)
+    planes, _, nominal, lens = observe(RIGS["endoscope"], 15, strays=0, missing=0)
     identity = identify(planes, nominal, lens)
     data = Observations.of(planes, identity, lens)
     keep = ~(np.isin(data.beam, (10, 48)) & (data.plane >= 3))
@@ -326,7 +326,7 @@ def test_a_spot_is_never_within_two_tolerances(capsule):
 
 
 def test_ambiguous_pattern_is_refused():
-    rig = RIGS["capsule"]
+    rig = RIGS["endoscope"]
     flat = replace(rig, projector=replace(rig.projector, rotation_deg=0.0, irregularity_deg=0))
     planes, _, lines = fitted(flat, 16)
     with pytest.raises(UserError, match=r"The pattern is ambiguous: the epipolar lines of beams 0 "
@@ -335,7 +335,7 @@ def test_ambiguous_pattern_is_refused():
 
 
 def test_base_along_the_columns_is_refused():
-    rig = RIGS["capsule"]
+    rig = RIGS["endoscope"]
     above = replace(rig.projector, base_mm=(0.2, 5.0, 0.1), toe_in_deg=0.0, pitch_deg=5.0)
     with pytest.raises(UserError, match="beside the camera along the rows"):
         fitted(replace(rig, projector=above), 17, strays=0, missing=0)
@@ -478,8 +478,9 @@ def depth_errors(rig, calibration, kinds, frames, seed, model=Capsule):
 
 
 @pytest.mark.parametrize("name, seed, erosion, limit", [
-    *(("capsule", seed, "gate", 0.0012) for seed in range(5)), ("capsule", 5, "erode", 0.007),
-    ("capsule", 6, "erode", 0.007), ("demonstrator", 7, "gate", 0.0005),
+    *(("endoscope", seed, "gate", 0.0012) for seed in range(5)),
+    ("endoscope", 5, "erode", 0.007),
+    ("endoscope", 6, "erode", 0.007), ("demonstrator", 7, "gate", 0.0005),
     ("demonstrator", 8, "gate", 0.0005)])
 def test_depth_is_as_good_as_promised(name, seed, erosion, limit):
     settings = Settings(erosion=erosion, weighted=erosion == "gate")
@@ -496,7 +497,7 @@ def test_depth_is_as_good_as_promised(name, seed, erosion, limit):
 def capture(tmp_path_factory):
     """A small capture folder: 8 chessboards, 6 planes, nominal values off."""
     folder = tmp_path_factory.mktemp("capture")
-    rig, rng = RIGS["capsule"], np.random.default_rng(21)
+    rig, rng = RIGS["endoscope"], np.random.default_rng(21)
     nominal = rigs.nominal(rig, rng)
     base = ", ".join(map(str, nominal.base_mm))
     (folder / "capture.toml").write_text(
@@ -542,7 +543,7 @@ def test_command_writes_calibration_and_picture(capture, tmp_path, capsys):
         assert word in text
     calibration = file.load(output)
     assert calibration.settings == replace(calibration.settings, erosion="gate", weighted=True)
-    error, found = depth_errors(RIGS["capsule"], calibration, ("plane",), 4, 23)
+    error, found = depth_errors(RIGS["endoscope"], calibration, ("plane",), 4, 23)
     assert error.mean() <= 0.0012 and found >= 0.97
     picture = cv2.imread(str(tmp_path / "calibration.png"))
     assert picture.shape[1] >= 1200 and picture.std() > 20
@@ -555,8 +556,8 @@ def test_choices_go_into_the_file(capture, tmp_path):
                      "4", "--area-max", "200", "--depth-min", "45", "--depth-max", "100"]) == 0
     calibration = file.load(output)
     settings = calibration.settings
-    assert (settings.erosion, settings.weighted, settings.level_fixed, settings.alpha) == (
-        "off", False, 40, 56)
+    assert (settings.erosion, settings.weighted) == ("off", False)
+    assert (settings.level_fixed, settings.threshold_alpha) == (40, 56)
     assert (settings.area_min, settings.area_max) == (4, 200)
     assert (calibration.z_min, calibration.z_max) == (45, 100)
     assert [path.name for path in tmp_path.iterdir()] == ["calibration.json"]
@@ -570,7 +571,7 @@ def test_calibration_for_whole_image_correction(capture, tmp_path):
     settings = calibration.settings
     assert settings.remap == remap_table(calibration.lens)
     assert (settings.erosion, settings.weighted) == ("erode", False)
-    error, found = depth_errors(RIGS["capsule"], calibration, ("plane",), 4, 23, Paper)
+    error, found = depth_errors(RIGS["endoscope"], calibration, ("plane",), 4, 23, Paper)
     assert error.mean() <= 0.009 and found >= 0.97
 
 

@@ -7,7 +7,7 @@ from model.optics import render, scenes
 from model.optics.imager import DARK, PATTERN_US, TEXTURE_US, Charge, Imager, Light, light
 from model.optics.rigs import RIGS, Noise
 
-SIZES = pytest.mark.parametrize("name", ["small", "capsule"])
+SIZES = pytest.mark.parametrize("name", ["small", "endoscope"])
 
 
 def flat(visible=0.01, infrared=0.1, shape=(4, 5)):
@@ -37,7 +37,7 @@ def centre_errors(image, truth, reach=4):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_pattern_is_as_good_as_the_simulators(seed):
-    rig, scene, imager, truth = looks_at("capsule", seed)
+    rig, scene, imager, truth = looks_at("endoscope", seed)
     mine = imager.expose(PATTERN_US, PATTERN_US)
     other, _ = render.pattern_frame(rig, scene, np.random.default_rng(seed))
     assert abs(np.median(mine.astype(float)) - np.median(other)) < 4

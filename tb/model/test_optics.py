@@ -20,9 +20,9 @@ from model.optics.geometry import (
     triangulate,
 )
 from model.optics.rigs import RIGS
-from scripts import cli
+from scripts.cyclope import cli
 
-CAPSULE = RIGS["capsule"]
+CAPSULE = RIGS["endoscope"]
 ALL = pytest.mark.parametrize("rig", RIGS.values(), ids=RIGS)
 
 
@@ -107,7 +107,7 @@ def test_lines_and_depth_laws_hold_in_opencv_s_coordinates(rig):
 
 @ALL
 def test_rigs_keep_their_promises(rig):
-    documented = {"capsule": 4.85, "demonstrator": 3.05, "small": 2.65}[rig.name]
+    documented = {"endoscope": 4.85, "demonstrator": 3.05, "small": 2.65}[rig.name]
     planes = rig.calibration_planes()
     assert len(planes) >= 8 and planes.min() < rig.range_mm[0] and planes.max() > rig.range_mm[1]
     _, whole_mesh = line_separation(rig.camera, rig.projector, planes.min(), planes.max())

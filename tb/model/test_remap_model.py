@@ -46,7 +46,7 @@ def test_table_is_opencvs(name):
 
 
 def test_beyond_the_fold_there_is_nothing():
-    lens = replace(LENSES["capsule"], focal=150.0, k1=-0.4, k2=0.0)
+    lens = replace(LENSES["endoscope"], focal=150.0, k1=-0.4, k2=0.0)
     shown = np.reshape(remap_table(lens), (lens.height, lens.width)) != OUTSIDE
     row, column = np.mgrid[:lens.height, :lens.width]
     radius = np.hypot(column - lens.principal_u, row - lens.principal_v) / lens.focal

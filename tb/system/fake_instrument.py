@@ -165,7 +165,8 @@ class FakeInstrument:
         values = dict(self.registers)
         fixed = values["threshold_level"] if values["threshold_fixed"] else None
         return Settings(
-            level_fixed=fixed, alpha=values["alpha"], erosion=EROSION_MODES[values["erosion_mode"]],
+            level_fixed=fixed, threshold_alpha=values["threshold_alpha"],
+            erosion=EROSION_MODES[values["erosion_mode"]],
             weighted=bool(values["weighted"]), report_rejected=bool(values["report_rejected"]),
             radial=tuple(self.tables["radial"]), reciprocal=tuple(self.tables["reciprocal"]),
             depth=tuple(self.tables["depth"]),

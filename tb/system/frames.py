@@ -21,11 +21,11 @@ _TIMING = ("--timing", "-CFLAGS", "-std=c++20")
 
 
 @cache
-def _capsule(config, gated):
-    return to_fast_verilog(Capsule(config, gated), "capsule")
+def _capsule(config, clock_gated):
+    return to_fast_verilog(Capsule(config, clock_gated), "capsule")
 
 
-def show(request, config, settings, images, divisor=1, gated=True, **sensor):
+def show(request, config, settings, images, divisor=1, clock_gated=True, **sensor):
     """Show frames to the RTL under cocotb.
 
     Parameters
@@ -40,7 +40,7 @@ def show(request, config, settings, images, divisor=1, gated=True, **sensor):
         Frames, as many as ``rig.v`` has room for or fewer.
     divisor : :class:`int`
         Clocks per bit of the serial line.
-    gated : :class:`bool`
+    clock_gated : :class:`bool`
         Stop the spot side's clock while it is not busy, which is faster.
     sensor : :class:`int`
         Registers of the sensor in ``rig.v``: blanking, faults.
@@ -51,7 +51,7 @@ def show(request, config, settings, images, divisor=1, gated=True, **sensor):
     """
     texts = {
         "rig.v": (Path(__file__).parent / "rig.v").read_text(),
-        "capsule.v": _capsule(config, gated)}
+        "capsule.v": _capsule(config, clock_gated)}
     for name, value in (("WIDTH", config.width), ("HEIGHT", config.height)):
         head, _, rest = texts["rig.v"].partition(f"parameter {name} = ")
         end = len(rest) - len(rest.lstrip("0123456789"))
@@ -64,7 +64,7 @@ def show(request, config, settings, images, divisor=1, gated=True, **sensor):
             "settings": settings, "frames": len(images), "divisor": divisor, "sensor": sensor}))
         hdlsim.run(
             request, "rig", "tb.system.tb_frames", verilog=texts,
-            build_args=[*_TIMING, "-DGATED"] if gated else _TIMING,
+            build_args=[*_TIMING, "-DGATED"] if clock_gated else _TIMING,
             plusargs=[f"+pixels={pixels}"],
             parameters={"case": str(case), "answer": str(answer)})
         return pickle.loads(answer.read_bytes())

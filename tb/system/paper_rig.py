@@ -14,7 +14,7 @@ from hdl.paper_points import REMAP_BASE, PaperPoints
 from hdl.payloads import Counts, FrameInfo, GreyPixel, MemoryCommand, Point
 from model.link.points import POINT
 from model.preprocessing.remap import pack_remap
-from scripts.native import ROOT
+from scripts.paths import ROOT
 from tb.native_block import Beats, NativeBlock, pack, unpack
 from tb.preprocessing.frames import BROKEN_GREY, grey_words
 
@@ -147,7 +147,8 @@ class PaperBench:
 
     def __init__(self, config, settings):
         self.block = block = NativeBlock(PaperRig(config), device=(
-            (ROOT / "scripts" / "sram.hpp").read_text(), "StaticRAM ram;", "ram.look(top);"))
+            (ROOT / "scripts" / "simulation" / "sram.hpp").read_text(), "StaticRAM ram;",
+            "ram.look(top);"))
         self.config = config
         block.reset()
         block.set(bank=1, **{name: value for name, value in settings.registers().items()

@@ -6,7 +6,7 @@ It has the members of :class:`tb.system.fake_instrument.FakeInstrument` that suc
 import numpy as np
 
 from hdl.config import Config
-from scripts.instrument import Instrument
+from scripts.simulation.instrument import Instrument
 
 __all__ = ["SMALL", "PlayedInstrument"]
 

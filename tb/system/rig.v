@@ -101,7 +101,7 @@ module rig #(
     // Registers and tables, driven by the bench.
     reg threshold_fixed = 0;
     reg [7:0] threshold_level = 0;
-    reg [7:0] alpha = 0;
+    reg [7:0] threshold_alpha = 0;
     reg [1:0] erosion_mode = 0;
     reg weighted = 0;
     reg [7:0] area_min = 0;
@@ -128,7 +128,7 @@ module rig #(
         .spot_clk(spot_clk), .spot_rst(rst),
 `endif
         .frame_valid(frame_valid), .line_valid(line_valid), .data(data), .tx(tx),
-        .threshold_fixed(threshold_fixed), .threshold_level(threshold_level), .alpha(alpha),
+        .threshold_fixed(threshold_fixed), .threshold_level(threshold_level), .threshold_alpha(threshold_alpha),
         .erosion_mode(erosion_mode), .weighted(weighted), .area_min(area_min),
         .area_max(area_max), .report_rejected(report_rejected), .principal_u(principal_u),
         .principal_v(principal_v), .tangential_1(tangential_1), .tangential_2(tangential_2),

@@ -34,7 +34,7 @@ def any_settings(width, height, beams, seed=1, **changes):
         line=tuple(int(word) for word in pack_line(slope, offset)),
         window=tuple(int(word) for word in pack_window(tolerance.astype(int), u_min, u_max)),
         depth=tuple(int(word) for word in pack_depth(alpha, beta)),
-        **tables, **{"alpha": 64, "report_rejected": True, **changes})
+        **tables, **{"threshold_alpha": 64, "report_rejected": True, **changes})
 
 
 def spot_frame(width, height, seed, spots=40, background=24, noise=2.0):

@@ -6,7 +6,7 @@ import time
 import cocotb
 from cocotb.triggers import ClockCycles, RisingEdge, ValueChange
 
-from scripts.link import Decoder
+from scripts.host.decoder import Decoder
 from tb.harness import parameters
 
 

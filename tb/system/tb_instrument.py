@@ -7,10 +7,11 @@ import cocotb
 from cocotb.triggers import ClockCycles, RisingEdge, ValueChange
 
 from hdl.protocol import TABLES, Command
-from scripts.commands import REGISTERS, table_contents, table_octets
-from scripts.framing import frame_packet
-from scripts.link import Decoder, Frame, Reply
-from scripts.load import signed
+from model.settings import table_contents
+from scripts.host.chip import REGISTERS, table_octets
+from scripts.host.decoder import Decoder, Frame, Reply
+from scripts.host.framing import frame_packet
+from scripts.host.loading import signed
 from tb.harness import parameters
 
 

@@ -8,7 +8,7 @@ from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from scripts.crossings import TOPS, Listed, crossings, explain, netlist, report
+from scripts.rtl.crossings import TOPS, Listed, crossings, explain, netlist, report
 
 
 @pytest.mark.parametrize("name", TOPS)

@@ -13,12 +13,13 @@ import pytest
 
 from hdl.config import PRESETS
 from hdl.export import LEGAL, SV_RESERVED, VHDL_RESERVED, flat_ports
-from hdl.protocol import PLACES, TABLES, tables
+from hdl.protocol import REMAP, TABLES, tables
 from model.preprocessing.remap import OUTSIDE, pack_remap
 from model.settings import Settings
-from scripts import export, size
-from scripts.blocks import BLOCKS, ROOT, TOP, VARIANTS, WHOLES, Block, find, present
-from scripts.native import ZEROS
+from scripts.paths import ROOT
+from scripts.rtl import export, size
+from scripts.rtl.blocks import ASSEMBLIES, BLOCKS, TOP, VARIANTS, Block, find, present
+from scripts.simulation.library import ZEROS
 from tb.hdlsim import WAIVERS, prepare_environment, require_ghdl
 
 PRESENT = present()
@@ -54,7 +55,7 @@ def text_of(exported, block):
 
 
 def test_every_component_is_listed():
-    assert set(PRESENT) == {*BLOCKS, *WHOLES}
+    assert set(PRESENT) == {*BLOCKS, *ASSEMBLIES}
 
 
 def test_unknown_block_is_refused():
@@ -179,7 +180,7 @@ def test_inner_modules_need_no_escape(exported):
 
 def test_verilog_is_the_same_each_time():
     """Also where Python orders its sets otherwise, and the port list is in order."""
-    code = ("from scripts.blocks import find; from scripts.export import verilog; "
+    code = ("from scripts.rtl.blocks import find; from scripts.rtl.verilog import verilog; "
             "print(verilog(find('camera').component(), 'camera'))")
     texts = {
         subprocess.run(
@@ -241,12 +242,12 @@ def test_places_are_what_a_calibration_for_paper_loads(tmp_path):
     export.write_tables(tmp_path / "tables", settings)
     written = {file.stem for file in (tmp_path / "tables").glob("*.hex")}
     assert written == {table.name for table in tables("paper")}
-    comment, *lines = (tmp_path / "tables" / "places.hex").read_text().splitlines()
-    assert comment.startswith(f"// table {PLACES.number} of TABLE: 6 words, ")
+    comment, *lines = (tmp_path / "tables" / "remap.hex").read_text().splitlines()
+    assert comment.startswith(f"// table {REMAP.number} of TABLE: 6 words, ")
     halves = []
     for number, line in enumerate(lines):
         address, word = (int(text, 16) for text in line.removeprefix("@").split())
-        assert address == number and word < 1 << PLACES.bits
+        assert address == number and word < 1 << REMAP.bits
         halves += [word & 0xFFFFFFFF, word >> 32]
     assert halves == [*pack_remap(settings.remap), 0]
 

@@ -10,9 +10,9 @@ from hdl.config import Config
 from model.capsule import Capsule as Model
 from model.link.framer import frame as framed
 from model.link.points import packets
-from scripts.engine import RTLEngine
-from scripts.link import Decoder
-from scripts.rebuild import Rebuilder
+from scripts.host.decoder import Decoder
+from scripts.host.rebuild import Rebuilder
+from scripts.simulation.engine import RTLEngine
 from tb.system import endoscope
 from tb.system.stimuli import any_settings, directed_frames, random_frame, spot_frame
 

@@ -11,9 +11,9 @@ from hdl.config import Config
 from hdl.protocol import GUARD_CAUSES, Command, Mode, Reason
 from model.capsule import Capsule as Model
 from model.paper import Paper
-from scripts.commands import REGISTERS, RefusedError
-from scripts.framing import frame_packet
-from scripts.recorder import Recorder, Texture
+from scripts.host.chip import REGISTERS, RefusedError
+from scripts.host.framing import frame_packet
+from scripts.host.recorder import Recorder, Texture
 from tb.system.played_instrument import SMALL
 from tb.system.stimuli import any_settings, random_frame, spot_frame
 from tb.system.test_paper import settings_of as paper_settings
@@ -198,7 +198,8 @@ def test_pictures_for_a_calibration():
     rng = np.random.default_rng(12)
     seen, texture = (rng.integers(0, 256, (64, 64)).astype(np.uint8) for _ in range(2))
     dark = np.full((64, 64), 7, np.uint8)
-    bench = Whole(SMALL, small(12), [seen], texture, load=False, pictures=1, mode=Mode.PATTERN)
+    bench = Whole(SMALL, small(12), [seen], texture, load=False, pattern_as_texture=1,
+                  mode=Mode.PATTERN)
     bench.light = lambda image, lit_us: image if lit_us else dark
     bench.run(2 * PERIOD_US)
     bench.commands.capture(1000)

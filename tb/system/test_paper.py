@@ -88,7 +88,7 @@ def test_cif_frames():
     assert max(len(answer.points) for answer in answers) > 150
 
 
-@pytest.mark.parametrize("rig,config", [("small", SMALL), ("capsule", CIF)])
+@pytest.mark.parametrize("rig,config", [("small", SMALL), ("endoscope", CIF)])
 def test_rendered_frames(rig, config):
     """A simulated rig, calibrated through the corrected images: beams are found."""
     rig = RIGS[rig]

@@ -11,8 +11,8 @@ from calibration.remap import remap_table
 from hdl.protocol import SCREEN_FAULTS, Mode, Reason
 from model.errors import UserError
 from model.paper import Paper
-from scripts.commands import RefusedError, check_chip
-from scripts.load import load
+from scripts.host.chip import RefusedError, check_chip
+from scripts.host.loading import load
 from tb.system.fake_instrument import any_calibration
 from tb.system.stimuli import spot_frame
 from tb.system.test_paper import CIF, settings_of

@@ -11,7 +11,7 @@ from hdl.paper import Paper
 from model.display.vga import screen
 from model.paper import Paper as PaperModel
 from model.preprocessing.remap import remap
-from scripts.engine import ModelEngine, RTLEngine
+from scripts.simulation.engine import ModelEngine, RTLEngine
 from tb.display.monitor import Monitor
 from tb.system.stimuli import directed_frames, spot_frame
 from tb.system.test_paper import CIF, SMALL, images_of, settings_of

@@ -15,12 +15,13 @@ import pytest
 from calibration import file
 from hdl.protocol import TABLE_VERSION, Command, Mode, Reason
 from model.errors import UserError
-from scripts import cli, port
-from scripts.commands import REGISTERS, SENTENCES, Commands, RefusedError
-from scripts.messages import POINT
-from scripts.points import locate
-from scripts.recorder import MISMATCH, Texture
-from scripts.terminal import Terminal
+from scripts.cyclope import cli
+from scripts.host import port
+from scripts.host.chip import REGISTERS, SENTENCES, Commands, RefusedError
+from scripts.host.messages import POINT
+from scripts.host.recorder import MISMATCH, Texture
+from scripts.results.points import locate
+from scripts.simulation.terminal import Terminal
 from tb.link.wire import Wire, make_frame
 from tb.system.fake_instrument import FakeInstrument, any_calibration, images
 from tb.system.played_instrument import PlayedInstrument
@@ -46,7 +47,7 @@ def open_rtl(calibration, shown):
 #: The shortest period that the laser guard bears: less to simulate.
 QUICK = ("--period-us", "20000")
 #: What the reader is tested against: a context manager, given the calibration and the frames to
-#: show, of something with the members of :class:`scripts.terminal.Terminal`.
+#: show, of something with the members of :class:`scripts.simulation.terminal.Terminal`.
 INSTRUMENTS = {"fake": open_fake, "rtl": open_rtl}
 
 
@@ -224,14 +225,14 @@ def test_pictures_of_the_pattern(rig, tmp_path, capsys):
     """As they are wanted for a calibration: no table is there, and the laser is on."""
     shown = images()[:1]
     with open_rtl(rig[0], shown) as terminal:
-        assert run("load", terminal.path, "--capture-ms", "60000", "--pictures", *QUICK) == 0
+        assert run("load", terminal.path, "--capture-ms", "60000", "--pattern-images", *QUICK) == 0
         assert "mode: pattern only, as pictures" in capsys.readouterr().out
-        assert run("receive", terminal.path, "-o", tmp_path / "out", "--pictures", "1") == 0
+        assert run("receive", terminal.path, "-o", tmp_path / "out", "--images", "1") == 0
         told = capsys.readouterr().out
         assert "0 whole textures and 1 whole pattern in" in told and "no frame came" not in told
         assert run("load", terminal.path, "--start", "--capture-ms", "0") == 0
         assert run("status", terminal.path, "--registers") == 0
-        assert re.search(r"pictures +0 ", capsys.readouterr().out)
+        assert re.search(r"pattern_as_texture +0 ", capsys.readouterr().out)
     assert run("receive", tmp_path / "out" / "link.raw", "-o", tmp_path / "again") == 0
     whole, = (tmp_path / "out" / "pattern").iterdir()
     for picture in (whole, tmp_path / "out" / "pattern.png", tmp_path / "again" / "pattern.png"):
@@ -242,15 +243,15 @@ def test_pictures_of_the_pattern(rig, tmp_path, capsys):
     octets = (tmp_path / "out" / "link.raw").read_bytes()
     (tmp_path / "raw").write_bytes(octets[:len(octets) * 2 // 3])
     capsys.readouterr()
-    assert run("receive", tmp_path / "raw", "-o", tmp_path / "short", "--pictures", "1") == 0
+    assert run("receive", tmp_path / "raw", "-o", tmp_path / "short", "--images", "1") == 0
     assert "! pattern.png is not whole, only " in capsys.readouterr().out
 
 
 def test_pictures_in_the_dark(rig, tmp_path, capsys):
     """The capture was forgotten."""
     with open_rtl(rig[0], images()[:1]) as terminal:
-        assert run("load", terminal.path, "--pictures", *QUICK) == 0
-        assert run("receive", terminal.path, "-o", tmp_path / "dark", "--pictures", "1") == 0
+        assert run("load", terminal.path, "--pattern-images", *QUICK) == 0
+        assert run("receive", terminal.path, "-o", tmp_path / "dark", "--images", "1") == 0
         told = capsys.readouterr().out
         assert "! no pattern came, only pictures without the laser: `cyclope load PORT --p" in told
         assert run("status", terminal.path) == 0
@@ -262,8 +263,8 @@ def test_pictures_in_the_dark(rig, tmp_path, capsys):
 
 def test_pieces_wait_for_what_tells_of_their_frame(tmp_path):
     """Whether the laser was on. Where that was lost they are left out, and counted."""
-    from scripts.messages import TextureFrame, TexturePiece
-    from scripts.recorder import Recorder
+    from scripts.host.messages import TextureFrame, TexturePiece
+    from scripts.host.recorder import Recorder
 
     def frame(index, laser):
         return TextureFrame(index, 0, 500, 0, 0, 0, 0x80 | laser << 3, index)
@@ -298,14 +299,15 @@ def test_capture_and_causes(terminal, capsys):
 
 @pytest.mark.parametrize("words, sentence", [
     (["--pattern-us", "70000"], "pattern_us must be 1 to 65535, not 70000."),
-    (["--register", "alpha=0x100"], "alpha must be 0 to 255, not 256."),
+    (["--register", "threshold_alpha=0x100"], "threshold_alpha must be 0 to 255, not 256."),
     (["--register", "tangential_1=-131073"],
      "tangential_1 must be -131072 to 131071, not -131073."),
     (["--register", "erosion_mode=3"], "erosion_mode must be 0 to 2, not 3."),
-    (["--register", "alpha"], "--register takes NAME=VALUE with a whole number, not 'alpha'."),
+    (["--register", "threshold_alpha"],
+     "--register takes NAME=VALUE with a whole number, not 'threshold_alpha'."),
     (["--register", "beta=1"], "There is no register 'beta'; there are: mode, "),
     (["--register", "mode=1"],
-     "Choose the mode by one of --start, --stop, --single, --pattern-only, --pictures."),
+     "Choose the mode by one of --start, --stop, --single, --pattern-only, --pattern-images."),
     (["--register", "divisor=16"],
      "divisor is the speed of this very line, which this program does not change."),
     (["--capture-ms", "65536"], "--capture-ms must be 0 to 65535, not 65536.")])
@@ -388,7 +390,7 @@ def test_a_lost_command_or_answer_is_sent_again(kind, fault, at, rig):
             hear(content)
 
         instrument._hear = counted
-        from scripts.load import load
+        from scripts.host.loading import load
         with commands(terminal, timeout=0.08 if kind == "fake" else 0.5, patience=5.0) as asking:
             load(asking, calibration)
             asking.write("mode", Mode.CONTINUOUS)
@@ -420,7 +422,7 @@ def test_no_answer_is_told_apart(rig):
         fake.busy = 0
         assert asking.status()["state"].mode == Mode.CONTINUOUS
         asking.port.write(b"\x55" * 30)  # garbage on the line hurts no command
-        assert asking.read("alpha") == REGISTERS["alpha"].reset
+        assert asking.read("threshold_alpha") == REGISTERS["threshold_alpha"].reset
 
 
 @pytest.mark.parametrize("reason", Reason)
@@ -575,7 +577,7 @@ def test_points_are_trusted_once_a_check_was_right(rig, tmp_path):
     """Of a frame that lost a packet they count if the frames before agreed; an empty one does
     not agree to anything."""
     calibration, path = rig
-    from scripts.rebuild import Rebuilder
+    from scripts.host.rebuild import Rebuilder
     rng = np.random.default_rng(1)
     u, v = rng.integers(0, 512 * 64, (2, 4000))
     status, beam, inverse_z = Rebuilder(calibration.settings, 64, 64)(u, v)
@@ -630,7 +632,7 @@ def babbling(octets):
 
 
 def test_a_wrong_speed_is_noticed(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("scripts.receive._GARBAGE_SECONDS", 0.4)
+    monkeypatch.setattr("scripts.cyclope.receive._GARBAGE_SECONDS", 0.4)
     with babbling(b"\xe0\x00\x1c\xff\x80") as path:
         begin = time.monotonic()
         assert run("receive", path, "-o", tmp_path / "out", "--baud", "9600") == 2
@@ -730,7 +732,7 @@ def test_frames_that_are_not_as_they_should_be(tmp_path):
 
 def test_textures_of_unknown_size():
     """They grow with what comes; once the size is known they can be whole."""
-    from scripts.messages import TexturePiece
+    from scripts.host.messages import TexturePiece
     texture = Texture()
 
     def piece(row, column, *pixels):
@@ -752,8 +754,8 @@ def test_live_line(rig, monkeypatch):
     """Frame rate by the chip's clock, points, lost packets, laser, and what is wrong."""
     from types import SimpleNamespace
 
-    from scripts import receive
-    from scripts.messages import Frame
+    from scripts.cyclope import receive
+    from scripts.host.messages import Frame
     now = 100.0
     monkeypatch.setattr(receive.time, "monotonic", lambda: now)
     line = receive._Line("tty")

@@ -10,7 +10,8 @@ import tomllib
 import pytest
 
 from scripts import setup
-from scripts.blocks import BLOCKS, ROOT
+from scripts.paths import ROOT
+from scripts.rtl.blocks import BLOCKS
 
 #: Folders of one machine, put together here so that this file passes its own test.
 MACHINE_PATHS = re.compile("|".join(f"/{name}/" for name in ("work", "root", "home", "tmp")))
@@ -80,7 +81,7 @@ def test_requirements_are_pinned_once():
 
 def test_version_and_command():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert project["scripts"] == {"cyclope": "scripts.cli:main"}
+    assert project["scripts"] == {"cyclope": "scripts.cyclope.cli:main"}
     assert re.fullmatch(r"\d+\.\d+\.\d+", project["version"])
     assert "## Unreleased" in (ROOT / "CHANGELOG.md").read_text()
     assert (ROOT / "LICENSE").read_text().startswith("BSD 2-Clause License")

@@ -27,7 +27,7 @@ def test_cif_frames_reach_the_reader(request):
     config = Config()
     settings = any_settings(352, 288, config.beams, 3, area_min=5)
     images = [spot_frame(352, 288, seed, spots=49) for seed in range(4)]
-    frames, _ = show(request, config, settings, images, divisor=3, gated=False,
+    frames, _ = show(request, config, settings, images, divisor=3, clock_gated=False,
                      line_blanking=2)
     model = Model(settings, 352, 288)
     assert len(frames) == len(images)

@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 
 from hdl.protocol import Flag
-from scripts import accuracy, cli, demo, frames, native, outputs, run
-from scripts.link import Frame
-from scripts.points import POINT, STATUS
+from scripts import demo
+from scripts.cyclope import cli
+from scripts.host.decoder import Frame
+from scripts.paths import ROOT
+from scripts.results import accuracy, frames, measure, outputs
+from scripts.results.points import POINT, STATUS
+from scripts.simulation import library as native
 from tb.system.conftest import CACHE
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="session")
@@ -193,7 +195,7 @@ def test_nothing_is_silent(fields, beams, words):
     points = np.zeros(len(beams), POINT)
     points["beam"] = beams
     frame = Frame(0, **{"spots": len(beams), "ok": len(beams), **fields})
-    assert run._notes(np.full((2, 2), 9, np.uint8), frame, points) == words
+    assert measure.frame_notes(np.full((2, 2), 9, np.uint8), frame, points) == words
 
 
 def test_more_spots_than_any_queue_holds(prepared, tmp_path):
@@ -398,8 +400,8 @@ def test_what_the_chip_has_no_room_for_is_counted(prepared, tmp_path, capsys):
 
 def test_help_is_quick_and_complete():
     done = subprocess.run(
-        [sys.executable, "-X", "importtime", "-m", "scripts.cli", "--help"], cwd=ROOT, text=True,
-        capture_output=True)
+        [sys.executable, "-X", "importtime", "-m", "scripts.cyclope.cli", "--help"], cwd=ROOT,
+        text=True, capture_output=True)
     assert done.returncode == 0
     assert all(name in done.stdout for name in ("simulate", "calibrate", "run"))
     assert "numpy" not in done.stderr and "matplotlib" not in done.stderr

@@ -12,14 +12,14 @@ from hdl.export import to_fast_verilog
 from hdl.instrument import Instrument
 from model.capsule import Capsule as Model
 from model.optics.rigs import RIGS
-from scripts import cli
-from scripts.accuracy import compare, load_points, load_truth
-from scripts.commands import Commands
-from scripts.emulate import Emulator
-from scripts.instrument import Line
-from scripts.link import Decoder, Frame, TextureFrame
-from scripts.load import load, signed
-from scripts.rebuild import Rebuilder
+from scripts.cyclope import cli
+from scripts.host.chip import Commands
+from scripts.host.decoder import Decoder, Frame, TextureFrame
+from scripts.host.loading import load, signed
+from scripts.host.rebuild import Rebuilder
+from scripts.results.accuracy import compare, load_points, load_truth
+from scripts.simulation.emulator import Emulator
+from scripts.simulation.instrument import Line
 from tb import hdlsim
 from tb.system.stimuli import any_settings, spot_frame
 from tb.system.whole import same
@@ -34,7 +34,7 @@ def test_fifty_pairs_against_truth(kind, seed, tmp_path, prepared):
     """Alternating laser, CIF, 115,200 baud, natively: what ``cyclope receive`` makes of the octets
     is the truth, with the accuracy that is asked of depth at a base of 5 mm."""
     calibration = file.load(prepared[1])
-    emulator = Emulator(kind, RIGS["capsule"], seed, scenes=PAIRS)
+    emulator = Emulator(kind, RIGS["endoscope"], seed, scenes=PAIRS)
     line = Line(emulator.instrument)
     commands = Commands(line, timeout=120)
     load(commands, calibration)

@@ -3,14 +3,15 @@
 import numpy as np
 
 from hdl.paper_points import REMAP_BASE
-from hdl.protocol import PLACES
+from hdl.protocol import REMAP
 from model.capsule import Capsule as Model
 from model.preprocessing.remap import pack_remap
-from scripts.commands import Commands, table_contents
-from scripts.instrument import Instrument, Line
-from scripts.link import Decoder, Frame, TextureFrame
-from scripts.load import signed
-from scripts.rebuild import Rebuilder
+from model.settings import table_contents
+from scripts.host.chip import Commands
+from scripts.host.decoder import Decoder, Frame, TextureFrame
+from scripts.host.loading import signed
+from scripts.host.rebuild import Rebuilder
+from scripts.simulation.instrument import Instrument, Line
 
 __all__ = ["Whole", "same"]
 
@@ -50,7 +51,7 @@ class Whole:
     load : :class:`bool`
         Load and commit the tables.
     places_in_memory : :class:`bool`
-        Put the table of places into the external memory without sending most of it, to save time:
+        Put the remap table into the external memory without sending most of it, to save time:
         only the packets with its first and its last word, and those whose number is a power of two.
     registers : :class:`int`
         Further registers.
@@ -94,7 +95,7 @@ class Whole:
         for table, first, some in self.commands.chunks(sent):
             if not not_banked and not table.banked:
                 continue
-            if table == PLACES and self._places_in_memory:
+            if table == REMAP and self._places_in_memory:
                 # Spoilt before, they are right again only if they come to where they belong.
                 last = first + len(some) - 1
                 if first and last != len(sent[table.name]) - 1 and (

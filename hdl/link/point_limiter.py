@@ -1,0 +1,85 @@
+"""No more points of a frame than the line can carry."""
+
+from amaranth import *
+from amaranth.lib import stream, wiring
+from amaranth.lib.fifo import SyncFIFO
+from amaranth.lib.wiring import In, Out
+
+from ..payloads import Counts, Point, Status
+
+__all__ = ["PointLimiter"]
+
+
+class PointLimiter(wiring.Component):
+    """Lets so many ok points of a frame through; those after them are counted as dropped.
+
+    So a frame full of false points costs its own last points, and not the frames behind it, which
+    would find no room. Points that are not ok pass: few of them are ever sent. An end mark waits
+    for its frame's counts, and for room for them. Reset forgets all counts.
+
+    Latency: 0 for points. Counts come out 1 clock after their frame's end mark.
+
+    Parameters
+    ----------
+    frames : :class:`int`
+        Frames whose counts may wait.
+
+    Members
+    -------
+    i, o : :py:`In(stream.Signature(Point))`, :py:`Out(stream.Signature(Point))`
+        Points and end marks.
+    counts_i, counts_o : :py:`In(stream.Signature(Counts))`, :py:`Out(stream.Signature(Counts))`
+        One for each frame; ``dropped`` grows by the points taken out here, and stops at 65,535.
+    limit : :py:`In(8)`
+        Ok points of a frame; 0 is no limit. May change only between frames.
+    """
+
+    latency = 0
+
+    def __init__(self, frames=4):
+        if not isinstance(frames, int) or frames < 1:
+            raise ValueError(f"Frames must be a positive integer, not {frames!r}")
+        self.frames = frames
+        super().__init__({
+            "i": In(stream.Signature(Point)),
+            "o": Out(stream.Signature(Point)),
+            "counts_i": In(stream.Signature(Counts)),
+            "counts_o": Out(stream.Signature(Counts)),
+            "limit": In(8),
+        })
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.queue = queue = SyncFIFO(width=Shape.cast(Counts).width, depth=self.frames)
+        point = self.i.p
+
+        passed = Signal(8)
+        dropped = Signal(16)
+        is_ok, over, end_may = Signal(), Signal(), Signal()
+        total = Signal(17)
+        counts = Signal(Counts)
+        m.d.comb += [
+            is_ok.eq(~point.end & (point.status == Status.OK)),
+            over.eq(is_ok & (self.limit != 0) & (passed == self.limit)),
+            end_may.eq(self.counts_i.valid & queue.w_rdy),
+            self.o.payload.eq(self.i.payload),
+            self.o.valid.eq(self.i.valid & Mux(point.end, end_may, ~over)),
+            self.i.ready.eq(over | (self.o.ready & (~point.end | end_may))),
+            total.eq(self.counts_i.p.dropped + dropped),
+            counts.eq(self.counts_i.payload),
+            counts.dropped.eq(total[:16] | total[16].replicate(16)),
+            queue.w_data.eq(counts),
+            queue.w_en.eq(self.i.valid & self.i.ready & point.end),
+            self.counts_i.ready.eq(queue.w_en),
+            self.counts_o.payload.eq(queue.r_data),
+            self.counts_o.valid.eq(queue.r_rdy),
+            queue.r_en.eq(self.counts_o.ready),
+        ]
+        with m.If(self.i.valid & self.i.ready):
+            with m.If(point.end):
+                m.d.sync += [passed.eq(0), dropped.eq(0)]
+            with m.Elif(over & (dropped != 0xFFFF)):
+                m.d.sync += dropped.eq(dropped + 1)
+            with m.If(is_ok & ~over):
+                m.d.sync += passed.eq(passed + 1)
+        return m

@@ -1,0 +1,73 @@
+"""``cyclope simulate``: write a capture folder of a simulated rig."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from model.errors import UserError
+
+__all__ = ["KINDS", "RIGS", "add_arguments", "main"]
+
+_MOST_FRAMES = 10000
+KINDS = ("plane", "tilted", "polyp", "tube", "mixed")
+RIGS = ("endoscope", "demonstrator", "small")
+
+
+def add_arguments(parser):
+    """Declare what ``cyclope simulate`` takes."""
+    parser.description = (
+        "Write a capture folder as a rig would record it: chessboard photographs, plane\n"
+        "frames, frames to measure with their texture, nominal values that are not quite\n"
+        "right, and the truth. The same arguments give the same bytes.")
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = (
+        "kinds:\n"
+        "  plane   flat targets square to the axis, at other distances than the calibration's\n"
+        "  tilted  flat targets tilted by up to 35 degrees\n"
+        "  polyp   domes and stalked polyps on a gut wall\n"
+        "  tube    a gut with haustral folds, seen obliquely\n"
+        "  mixed   one of each in turn\n"
+        "rigs:\n"
+        "  endoscope     352 x 288,  7 x 7 beams,   5 mm base,   40 to  110 mm\n"
+        "  demonstrator  352 x 288,  7 x 7 beams, 150 mm base,  600 to 1100 mm\n"
+        "  small          64 x 64,   4 x 4 beams,   5 mm base,   40 to  110 mm\n")
+    parser.add_argument("kind", metavar="KIND", choices=KINDS, help="what the rig looks at")
+    parser.add_argument("output", type=Path, metavar="OUT",
+                        help="folder to create; it must not hold anything yet")
+    parser.add_argument("--rig", choices=RIGS, default="endoscope", help="default: endoscope")
+    parser.add_argument("--seed", type=int, default=0, metavar="N",
+                        help="of everything random, 0 or more; default: 0")
+    parser.add_argument("--frames", type=int, default=10, metavar="N",
+                        help="frames to measure; default: 10")
+    parser.add_argument("--split-spots", action="store_true",
+                        help="follow many rays of each beam: spots are bent by curved surfaces and "
+                             "torn by edges, instead of ellipses around the beam's axis; slower")
+
+
+
+
+def main(arguments):
+    """Write the folder; gives the exit status."""
+    if arguments.seed < 0:
+        raise UserError(f"--seed must be 0 or more, not {arguments.seed}.")
+    if not 1 <= arguments.frames <= _MOST_FRAMES:
+        raise UserError(f"--frames must be 1 to {_MOST_FRAMES}, not {arguments.frames}.")
+
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    from model.optics import capture
+    from model.optics.rigs import RIGS
+    from scripts.results.outputs import new_folder
+
+    rig = RIGS[arguments.rig]
+    rig = replace(rig, spots=replace(rig.spots, split=arguments.split_spots))
+    errors = Console(stderr=True)
+    bar = Progress(TextColumn("simulating {task.description}"), BarColumn(), MofNCompleteColumn(),
+                   console=errors, transient=True, disable=not errors.is_terminal)
+    with new_folder(arguments.output) as folder, bar:
+        task = bar.add_task("lens", total=capture.pictures(arguments.frames))
+        capture.write(folder, arguments.kind, rig, arguments.seed, arguments.frames,
+                      progress=lambda name: bar.update(task, advance=1, description=name))
+    print(f"{arguments.frames} frames of a simulated {arguments.rig} rig in {arguments.output}")
+    return 0

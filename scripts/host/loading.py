@@ -1,0 +1,88 @@
+"""Tables and registers into the chip, read back and checked."""
+
+import time
+
+from hdl.protocol import REMAP, Mode
+from model.errors import UserError
+from model.settings import table_contents
+from scripts.host.chip import REGISTERS
+
+__all__ = ["load", "signed", "stop", "wait_until", "write_registers"]
+
+
+def signed(name, value):
+    register = REGISTERS[name]
+    return value - (1 << register.bits) if (
+        register.signed and value >> register.bits - 1) else value
+
+
+def write_registers(commands, chosen):
+    """Write registers and read them back."""
+    for name, value in chosen.items():
+        commands.write(name, value)
+    for name, value in chosen.items():
+        got = commands.read(name)
+        if got != value:
+            raise UserError(f"The chip took {name} = {value} and reads back {got}: "
+                            "the chip is at fault, or another program writes too.")
+
+
+def wait_until(commands, done, seconds):
+    """The first status for which ``done(state)`` holds, or the last one after so many seconds."""
+    end = time.monotonic() + seconds
+    while True:
+        status = commands.status()
+        if done(status["state"]) or time.monotonic() > end:
+            return status
+        time.sleep(0.02)
+
+
+def stop(commands, seconds=10.0):
+    """Stop the chip and wait until it did."""
+    commands.write("mode", Mode.STOP)
+    state = wait_until(commands, lambda state: state.mode == Mode.STOP, seconds)["state"]
+    if state.mode != Mode.STOP:
+        raise UserError("The chip does not stop" + (
+            ", for its sensor is silent: reset the chip." if state.silent else ": reset it."))
+
+
+def load(commands, calibration, progress=None):
+    """Load all tables into a chip that is stopped, read them back, and commit them.
+
+    The remap table of the preset ``paper`` is not read over the line, which would take as long
+    as to send it: the chip reads it back, as all tables, to check it.
+
+    Parameters
+    ----------
+    commands : :class:`scripts.host.chip.Commands`
+        The chip.
+    calibration : :class:`calibration.file.Calibration`
+        What to load.
+    progress : callable or None
+        Told the words done and the words in all.
+    """
+    words = table_contents(calibration.settings)
+    total, done = 2 * sum(map(len, words.values())) - len(words.get(REMAP.name, ())), 0
+
+    def step(count):
+        nonlocal done
+        done += count
+        if progress:
+            progress(done, total)
+
+    commands.begin(calibration.width, calibration.height, len(calibration.settings.line))
+    for table, first, some in commands.chunks(words):
+        commands.write_table(table, first, some)
+        step(len(some))
+    for table, first, some in commands.chunks(words):
+        if table == REMAP:
+            continue
+        got = commands.read_table(table, first, len(some))
+        if got != some:
+            wrong = next((at for at, (a, b) in enumerate(zip(got, some, strict=False)) if a != b),
+                         min(len(got), len(some)))
+            raise UserError(f"The table {table.name} reads back other than it was written, from "
+                            f"word {first + wrong} on: load again; if it stays so, the chip is at "
+                            "fault.")
+        step(len(some))
+    commands.commit(words)

@@ -1,0 +1,65 @@
+"""The state of the chip in words."""
+
+from hdl.protocol import GUARD_CAUSES, PRESET_NAMES, SCREEN_FAULTS, STATUS_FIELDS, Mode
+
+__all__ = ["causes", "laser", "status_table"]
+
+_MODES = {Mode.STOP: "stopped", Mode.CONTINUOUS: "continuous", Mode.SINGLE: "single pair",
+          Mode.PATTERN: "pattern only"}
+_CAUSES = {
+    "pulse": "a pulse longer than the ceiling", "repetition": "a pulse too soon after another",
+    "duty": "too much light in the window", "not_armed": "light asked for while not armed",
+    "heartbeat": "frames that stopped coming"}
+_FAULTS = {
+    "frame": "a frame lost its end", "row": "a row came too late", "mark": "a spot has no mark"}
+
+
+def causes(status):
+    """What the laser guard holds, in words."""
+    return [_CAUSES.get(name, name) for bit, name in enumerate(GUARD_CAUSES)
+            if status["guard_causes"] >> bit & 1]
+
+
+def laser(status):
+    """State of the laser, in words."""
+    state = status["state"]
+    held = causes(status)
+    words = "armed" if state.armed else "disarmed"
+    if state.capture:
+        words += " by the calibration capture"
+    elif not state.tables_valid:
+        words += ": there are no valid tables"
+    return words + (f"; the guard saw {', '.join(held)}" if held else "")
+
+
+def status_table(identity, status, pictures=0):
+    """A table of what the chip is and does; ``pictures`` is the register."""
+    from rich import box
+    from rich.table import Table
+    state = status["state"]
+    table = Table(box=box.SIMPLE, show_header=False, padding=(0, 1), pad_edge=False)
+    table.add_column(no_wrap=True)
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column(style="dim")
+    preset = identity["preset"]
+    table.add_row("sensor", f"{identity['width']} x {identity['height']}", "pixels")
+    table.add_row("beams", str(identity["beams"]), f"{identity['lanes']} lines tried at a time")
+    table.add_row("preset", PRESET_NAMES[preset] if preset < len(PRESET_NAMES) else str(preset),
+                  f"system clock {identity['clock_khz'] / 1000:g} MHz")
+    table.add_section()
+    as_pictures = pictures and state.mode == Mode.PATTERN
+    table.add_row("mode", _MODES[state.mode] + (", as pictures" if as_pictures else ""),
+                  "the sensor is silent" if state.silent else "")
+    table.add_row("tables", "valid" if state.tables_valid else "none", f"bank {state.bank}" + (
+        ", a new set waits for its frame" if state.committing else ""))
+    table.add_row("laser", "armed" if state.armed else "disarmed", "; ".join(
+        [*(["calibration capture"] if state.capture else []), *causes(status)]))
+    table.add_section()
+    for field in STATUS_FIELDS:
+        if field.name not in ("state", "guard_causes", "screen"):
+            table.add_row(field.name.replace("_", " "), str(status[field.name]), field.meaning)
+    if preset == PRESET_NAMES.index("paper"):
+        faults = [_FAULTS[name] for bit, name in enumerate(SCREEN_FAULTS)
+                  if status["screen"] >> bit & 1]
+        table.add_row("screen", "faults" if faults else "whole", "; ".join(faults))
+    return table

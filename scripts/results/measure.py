@@ -1,0 +1,85 @@
+"""Frames through an engine, to rows of points and notes in words."""
+
+from collections import deque
+
+from calibration.capture import read_image
+from scripts.results.points import STATUS, Shown, locate
+from scripts.results.summary import many
+
+__all__ = ["frame_notes", "measure"]
+
+
+def frame_notes(image, frame, points):
+    """All that is not as it should be with a frame, in words."""
+    notes = []
+    if frame.broken:
+        notes.append("broken: synchronism lost")
+    if frame.learning:
+        notes.append("learning: no threshold yet")
+    if frame.skipped:
+        notes.append(f"{many(frame.skipped, 'frame')} lost before it")
+    if frame.dropped:
+        notes.append(f"{many(frame.dropped, 'spot')} dropped, no room")
+    if frame.lost or not frame.summarised:
+        notes.append(f"{many(frame.lost, 'packet')} lost on the link")
+    elif not frame.balanced:
+        notes.append("its counts do not add up")
+    if frame.verified is False:
+        notes.append("its check fails: other tables in the chip, or a fault in its depth unit")
+    if frame.bad_sync or frame.overrun:
+        notes.append(f"camera: {many(frame.bad_sync, 'bad sync')}, "
+                     f"{many(frame.overrun, 'overrun')} so far")
+    unlisted = frame.rejected - int((points["status"] == STATUS.index("rejected")).sum())
+    if unlisted > 0:
+        notes.append(f"{many(unlisted, 'rejected spot')} without a row")
+    beams = points["beam"][points["beam"] >= 0].tolist()
+    twice = sorted({beam for beam in beams if beams.count(beam) > 1})
+    if twice:
+        notes.append(f"more than one spot for beam {' '.join(map(str, twice))}")
+    if not image.any():
+        notes.append("all black")
+    elif image.min() == 255:
+        notes.append("all white")
+    if not frame.spots:
+        notes.append("no spot")
+    return tuple(notes)
+
+
+def measure(entries, calibration, engine, independent=False):
+    """Show frames to an engine, and give back what it made of each.
+
+    The engine shows some frames twice, to learn the threshold; each is given back once.
+
+    Parameters
+    ----------
+    entries : list of :class:`scripts.results.frames.Entry`
+        Frames, in order.
+    calibration : calibration
+        What the engine was opened with.
+    engine : engine
+        From :func:`scripts.simulation.engine.open_engine`.
+    independent : :class:`bool`
+        Learn every frame's threshold on itself.
+
+    Yields
+    ------
+    (2-D ``uint8`` array, :class:`scripts.results.points.Shown`)
+    """
+    size = (calibration.width, calibration.height)
+    waiting = deque()
+
+    def images():
+        for entry in entries:
+            waiting.append((entry, read_image(entry.path, *size)))
+            yield waiting[-1][1]
+
+    for frame in engine.frames(images(), independent):
+        entry, image = waiting.popleft()
+        grey = image if entry.texture is None else read_image(entry.texture, *size)
+        points = locate(frame.points, entry.index, calibration, grey)
+        yield image, Shown(
+            index=entry.index, path=entry.path, texture=entry.texture, level=frame.level,
+            spots=frame.spots, rejected=frame.rejected, dropped=frame.dropped, points=points,
+            notes=frame_notes(image, frame, points))
+    if waiting:
+        raise RuntimeError(f"the engine gave no answer to {len(waiting)} frames")

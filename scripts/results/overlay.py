@@ -1,0 +1,146 @@
+"""A frame as the chip saw it: spots, epipolar lines, beam numbers, and a legend in words."""
+
+import cv2
+import numpy as np
+
+from scripts.results.points import STATUS
+from scripts.results.summary import COLOURS
+
+__all__ = ["beam_segments", "draw_frame", "write_picture"]
+
+SCALE = 3
+_LEGEND = 58
+_BACKGROUND = (24, 22, 20)
+_WORDS = (235, 235, 235)
+_LINE = (170, 115, 35)
+_UNTOUCHED = (1, 2, 3)
+_FONT = cv2.FontFace("sans")
+#: Tissue is dim beside the spots: grey values are shown brighter than they are.
+_BRIGHTER = np.rint(255 * (np.arange(256) / 255) ** 0.7).astype(np.uint8)
+_SHIFT = 4  # cv2 draws with this many bits behind the binary point
+
+
+def _bgr(colour):
+    return tuple(int(colour[at:at + 2], 16) for at in (5, 3, 1))
+
+
+_SPOT = tuple(_bgr(colour) for colour in COLOURS)
+
+
+def _signed(word, bits):
+    word &= (1 << bits) - 1
+    return word - (1 << bits) if word >> (bits - 1) else word
+
+
+def beam_segments(calibration, samples=17):
+    """Where each beam's spot can be, in image coordinates: (beams, samples, 2); NaN if nowhere.
+
+    These are the lines and windows that the chip is loaded with, bent by the lens.
+    """
+    segments = []
+    for line, window in zip(calibration.settings.line, calibration.settings.window, strict=True):
+        a, b = _signed(line, 18) / 2**17, _signed(line >> 18, 18) / 2**9
+        low, high = _signed(window >> 9, 13) / 2**4, _signed(window >> 22, 13) / 2**4
+        if not window & 0x1FF or high < low:
+            segments.append(np.full((samples, 2), np.nan))
+            continue
+        x = np.linspace(low, high, samples)
+        segments.append(np.stack(calibration.lens.distort(x, a * x + b), axis=-1))
+    return np.array(segments).reshape(-1, samples, 2)
+
+
+def _place(points):
+    """Image coordinates to those of the enlarged picture, as fixed-point integers."""
+    return np.rint(((np.asarray(points) + 0.5) * SCALE - 0.5) * (1 << _SHIFT)).astype(np.int32)
+
+
+def _reach(point):
+    """Radius of the ring around a spot."""
+    return (np.sqrt(point["area"] / np.pi) + 2) * SCALE
+
+
+def _text(picture, words, at, colour, size, weight=400):
+    cv2.putText(picture, words, (int(at[0]), int(at[1])), colour, _FONT, size, weight)
+
+
+def _width(words, size, weight=400):
+    return cv2.getTextSize((4000, 100), words, (0, 50), _FONT, size, weight)[2]
+
+
+def _haloed(picture, words, at, colour, size):
+    for step in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        _text(picture, words, (at[0] + step[0], at[1] + step[1]), (0, 0, 0), size, 700)
+    _text(picture, words, at, colour, size, 700)
+
+
+def _legend(picture, shown, top, disabled):
+    """Two lines under the frame: what it is, and what the colours mean."""
+    words = f"frame {shown.index}    threshold {shown.level}    {shown.spots} spots"
+    if shown.notes:
+        words += "    " + "; ".join(shown.notes)
+    size = next((size for size in range(15, 8, -1)
+                 if _width(words, size, 600) < picture.shape[1] - 20), 8)
+    _text(picture, words, (10, top + 22), _WORDS, size, 600)
+    left = 10
+    for status, (name, colour) in enumerate(zip(STATUS, _SPOT, strict=True)):
+        number = np.count_nonzero(shown.points["status"] == status)
+        cv2.circle(picture, (left + 6, top + 41), 6, colour, 2, cv2.LINE_AA)
+        words = f"{number} {name}" + (", with its beam's number" if name == "ok" else "")
+        _text(picture, words, (left + 18, top + 46), _WORDS, 14)
+        left += 36 + _width(words, 14)
+    cv2.line(picture, (left, top + 41), (left + 22, top + 41), _LINE, 2, cv2.LINE_AA)
+    _text(picture, "where a beam's spot can be" + (f" ({disabled} beams off)" if disabled else ""),
+          (left + 28, top + 46), _WORDS, 14)
+
+
+def draw_frame(image, shown, segments):
+    """The frame, three times as large, with all that was made of it.
+
+    Parameters
+    ----------
+    image : 2-D ``uint8`` array
+        The pattern frame.
+    shown : :class:`scripts.results.points.Shown`
+        What became of it.
+    segments : array
+        From :func:`beam_segments`.
+
+    Returns
+    -------
+    3-D ``uint8`` array
+        Blue, green, red.
+    """
+    height, width = image.shape
+    large = cv2.resize(_BRIGHTER[image], None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_NEAREST)
+    picture = np.empty((height * SCALE + _LEGEND, width * SCALE, 3), np.uint8)
+    picture[:height * SCALE] = large[:, :, None]
+    picture[height * SCALE:] = _BACKGROUND
+    body = picture[:height * SCALE]
+    drawn = [_place(segment) for segment in segments if np.isfinite(segment).all()]
+    lines = body.copy()
+    cv2.polylines(lines, drawn, False, _LINE, 2, cv2.LINE_AA, _SHIFT)
+    circles = [(_place((point["u"], point["v"])), int(_reach(point) * (1 << _SHIFT)),
+                _SPOT[point["status"]]) for point in shown.points]
+    for place, radius, _ in circles:  # what a ring encloses is shown as it is
+        cv2.circle(lines, place, radius, _UNTOUCHED, cv2.FILLED, cv2.LINE_8, _SHIFT)
+    keep = (lines == _UNTOUCHED).all(axis=2)
+    lines[keep] = body[keep]
+    cv2.addWeighted(lines, 0.8, body, 0.2, 0, dst=body)
+    for place, radius, colour in circles:
+        cv2.circle(body, place, radius, colour, 2, cv2.LINE_AA, _SHIFT)
+    for point in shown.points[shown.points["beam"] >= 0]:
+        words = str(point["beam"])
+        reach = _reach(point) + 1.5
+        left, base = (point["u"] + 0.5) * SCALE + reach, (point["v"] + 0.5) * SCALE - reach / 3
+        if left + _width(words, 13, 700) > body.shape[1]:
+            left -= 2 * reach + _width(words, 13, 700)
+        _haloed(body, words, (left, max(base, 13)), _SPOT[point["status"]], 13)
+    _legend(picture, shown, height * SCALE, len(segments) - len(drawn))
+    return picture
+
+
+def write_picture(path, picture):
+    """Write a picture as PNG."""
+    done, data = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+    assert done
+    path.write_bytes(data.tobytes())

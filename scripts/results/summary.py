@@ -1,0 +1,108 @@
+"""The table at the end of a run: what was seen, what was lost, how far off it is."""
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+__all__ = ["COLOURS", "accuracy_table", "frames_table", "many", "notes_text", "totals"]
+
+#: A colour per status, in the order of the codes, for pictures and terminals alike.
+COLOURS = ("#35d07f", "#b0b0b0", "#ffb02e", "#ff5a4f")
+
+_COUNTED = ("ok", "noise", "ambiguous", "rejected")
+
+
+def many(number, what):
+    """``1 frame`` or ``3 frames``."""
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
+def _figures(shown):
+    return {
+        "spots": shown.spots, **{name: shown.count(name) for name in _COUNTED[:3]},
+        "rejected": shown.rejected, "dropped": shown.dropped}
+
+
+def totals(frames):
+    """Sums over frames of spots, ok, noise, ambiguous, rejected and dropped."""
+    figures = [_figures(shown) for shown in frames]
+    return {name: sum(each[name] for each in figures)
+            for name in ("spots", *_COUNTED, "dropped")}
+
+
+def _cell(name, value):
+    bad = value and name == "dropped"
+    return Text(str(value), style="bold red" if bad else "" if value else "dim")
+
+
+def frames_table(frames, limit=None):
+    """Table of frames and their sums.
+
+    Parameters
+    ----------
+    frames : list of :class:`scripts.results.points.Shown`
+        In the order measured.
+    limit : :class:`int` or None
+        After so many frames only those with notes have a line of their own, as many again at most.
+    """
+    table = Table(box=box.SIMPLE_HEAD, title=f"Spots of {many(len(frames), 'frame')}",
+                  title_justify="left", padding=(0, 1), pad_edge=False)
+    for name, colour in (("frame", ""), ("level", ""), ("spots", ""),
+                         *zip(_COUNTED, COLOURS, strict=True), ("dropped", ""), ("", "")):
+        table.add_column(name, justify="right", header_style=colour, no_wrap=True)
+    shown_lines = hidden = 0
+    for position, shown in enumerate(frames):
+        late = limit is not None and position >= limit
+        if late and (not shown.notes or shown_lines >= 2 * limit):
+            hidden += 1
+            continue
+        shown_lines += 1
+        table.add_row(
+            str(shown.index), str(shown.level),
+            *(_cell(name, value) for name, value in _figures(shown).items()),
+            Text("!" if shown.notes else "", style="bold yellow"))
+    if hidden:
+        table.add_row("…", f"{hidden} more")
+    table.add_section()
+    table.add_row("all", "", *(str(value) for value in totals(frames).values()), style="bold")
+    return table
+
+
+def notes_text(frames, limit=None):
+    """What was not as it should be, a line per frame; at most ``limit`` lines, then how many more.
+    """
+    noted = [shown for shown in frames if shown.notes]
+    lines = [f"! frame {shown.index}: {'; '.join(shown.notes)}" for shown in noted[:limit]]
+    if len(lines) < len(noted):
+        lines.append(f"! {many(len(noted) - len(lines), 'more frame')} with notes, in summary.txt")
+    return Text("\n".join(lines), style="yellow")
+
+
+def _share(value, digits=2):
+    return "-" if value != value else f"{100 * value:.{digits}f} %"
+
+
+def accuracy_table(accuracies):
+    """Table of errors against truth.
+
+    Parameters
+    ----------
+    accuracies : :class:`dict` of :class:`str` to :class:`scripts.results.accuracy.Accuracy`
+        A column each, for instance one for all frames.
+    """
+    table = Table(box=box.SIMPLE_HEAD, title="Against the truth", title_justify="left",
+                  padding=(0, 1), pad_edge=False)
+    table.add_column("")
+    for name in accuracies:
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("meaning", style="dim")
+    for name, figure, meaning in (
+            ("beams", lambda each: str(each.expected), "inside the picture and the range"),
+            ("found", lambda each: _share(each.found), "of these beams have an ok point"),
+            ("ok points", lambda each: str(len(each.points)), "all of them, wrong beams included"),
+            ("wrong", lambda each: _share(each.wrong), "of the ok points are off by more than 5 %"),
+            ("mean error", lambda each: _share(each.mean, 3), "|z - true z| / true z, ok points"),
+            ("median error", lambda each: _share(each.median, 3), ""),
+            ("worst error", lambda each: _share(each.worst, 3), "")):
+        table.add_row(name, *(figure(each) for each in accuracies.values()), meaning)
+    return table

@@ -1,0 +1,133 @@
+"""The one list of blocks: export, sizes, lint and tests all read it."""
+
+import inspect
+import re
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+from amaranth.lib import wiring
+
+from hdl.config import PRESETS
+from scripts.paths import ROOT
+
+__all__ = ["BLOCKS", "TOP", "UNITS", "VARIANTS", "Block", "find", "present"]
+
+#: Folders of ``hdl/``, in the order in which data flows.
+UNITS = ("acquisition", "preprocessing", "stereo", "link", "display", "common")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A component of the design under its file's stem.
+
+    Parameters
+    ----------
+    name : :class:`str`
+        Stem of the file, name of the Verilog module and of the VHDL entity. That of a variant goes
+        on with a comma and its preset.
+    unit : :class:`str`
+        Folder below ``hdl/``; empty for the top.
+    """
+
+    name: str
+    unit: str
+
+    @property
+    def stem(self):
+        """Stem of the file."""
+        return self.name.partition(",")[0]
+
+    @property
+    def preset(self):
+        """Preset that the block is of where no other is asked for."""
+        variant = self.name.partition(", ")[2]
+        return variant or ("paper" if self.name.startswith("paper") else "capsule")
+
+    @property
+    def source(self):
+        """Path of the Amaranth file."""
+        return ROOT / "hdl" / self.unit / f"{self.stem}.py"
+
+    @property
+    def twin(self):
+        """Path of the hand-written VHDL twin, or None."""
+        path = self.source.with_suffix(".vhd")
+        return path if path.exists() else None
+
+    @property
+    def component_class(self):
+        """The component that the file is about: the first one of its ``__all__``."""
+        module = import_module(".".join(filter(None, ("hdl", self.unit, self.stem))))
+        for name in module.__all__:
+            value = getattr(module, name)
+            if isinstance(value, type) and issubclass(value, wiring.Component):
+                return value
+        raise LookupError(f"{self.source.relative_to(ROOT)} has no public component")
+
+    def arguments(self, config):
+        """Constructor arguments for ``config``, matched by name; others keep their defaults."""
+        choices = {
+            "config": config, "width": config.width, "height": config.height,
+            "beams": config.beams, "lanes": config.lanes, "spot_depth": config.spot_depth,
+            "clock_hz": config.clock_hz, "baud": config.baud, "preset": config.preset,
+            "labels": config.labels,
+        }
+        if self.name == "spot_queue":
+            choices["depth"] = config.spot_depth
+        if self.name == "binarise":
+            choices["pixel_bits"] = 8
+        wanted = inspect.signature(self.component_class).parameters
+        return {name: value for name, value in choices.items() if name in wanted}
+
+    def component(self, config=None):
+        """A fresh component, as the design of ``config`` holds it; its preset by default."""
+        return self.component_class(**self.arguments(config or PRESETS[self.preset]))
+
+
+#: Every block, in the order in which data flows.
+BLOCKS = tuple(Block(name, unit) for unit, names in {
+    "acquisition": "sequencer exposure laser_guard camera addressed_camera frame_gate image_bank "
+                   "frame_banks frame_memory sram_frames",
+    "preprocessing": "histogram threshold remap binarise erosion labelling two_pass_labelling "
+                     "spot_queue centre",
+    "stereo": "undistort epipolar depth",
+    "link": "point_limiter points texture scheduler framer uart_tx transmitter uart_rx receiver "
+            "registers commands",
+    "display": "marks vga",
+    "common": "table_memory stage point_fifo sram",
+}.items() for name in names.split())
+#: Blocks that have other ports in another preset than the one that their name tells. They are
+#: proved and checked too, but are no files of an export.
+VARIANTS = (Block("commands, paper", "link"),)
+#: The whole design.
+TOP = Block("instrument", "")
+#: What is made of other blocks, each of which has its own bench and proofs.
+ASSEMBLIES = (*(Block(name, "") for name in (
+    "periphery", "reconstruction", "capsule", "paper_points", "paper")), TOP)
+
+
+def present():
+    """Blocks that have a file: those of the list, then those it does not know, then the wholes."""
+    unlisted = (
+        Block(file.stem, unit) for unit in UNITS
+        for file in sorted((ROOT / "hdl" / unit).glob("[a-z]*.py"))
+        if "(wiring.Component)" in file.read_text())
+    listed = dict.fromkeys((*BLOCKS, *unlisted, *ASSEMBLIES))
+    return tuple(block for block in listed if block.source.exists())
+
+
+def find(name):
+    """The block called ``name``, which may also be the path of its file.
+
+    Raises
+    ------
+    LookupError
+        If there is none.
+    """
+    stem = re.sub(r"\.\w+$", "", Path(name).name)
+    for block in present():
+        if block.name == stem:
+            return block
+    names = ", ".join(block.name for block in present())
+    raise LookupError(f"There is no block {name!r}; there are: {names or 'none'}.")

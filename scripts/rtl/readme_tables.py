@@ -1,0 +1,186 @@
+"""Writes the tables of ``hdl/link/README.md`` and ``hdl/README.md`` from ``hdl/protocol.py``.
+
+A table stands between the lines ``<!-- protocol: NAME -->`` and ``<!-- end -->``. With
+``--check`` nothing is written, and the exit status is 1 if a table is not what it should be.
+"""
+
+import argparse
+import inspect
+import re
+import sys
+
+from hdl import protocol
+from scripts.paths import ROOT
+
+__all__ = ["FILES", "TABLES", "main", "meanings", "updated"]
+
+#: Files with tables.
+FILES = ("hdl/link/README.md", "hdl/README.md")
+#: What the code's names are called where they are read.
+_WORDS = {
+    "IDENTITY_FIELDS": "[identity](#identity-and-status)",
+    "STATUS_FIELDS": "[status](#identity-and-status)",
+    "TEXTURE_FIELDS": "the table in [texture](#texture)",
+    "TABLE_VERSION": "version of the tables",
+    "see GUARD_CAUSES": "see [causes](#identity-and-status)",
+    "see SCREEN_FAULTS": "see [below](#identity-and-status)",
+    "see Flag": "as in [points](#points)",
+}
+_MARKED = re.compile(r"(<!-- protocol: (\w+) -->\n).*?(<!-- end -->)", re.S)
+
+
+def meanings(enumeration):
+    """The comment behind each member of an enumeration, by the member's name."""
+    found = re.findall(r"^    (\w+) = \w+(?:  # (.*))?$", inspect.getsource(enumeration), re.M)
+    return {name: meaning for name, meaning in found if name in enumeration.__members__}
+
+
+def _rows(heads, rows):
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    lines += ["| " + " | ".join(map(str, row)) + " |" for row in rows]
+    text = "\n".join(lines) + "\n"
+    for name, words in _WORDS.items():
+        text = text.replace(name, words)
+    return text
+
+
+def _members(enumeration, head, code="{:d}"):
+    """A table of an enumeration's members."""
+    told = meanings(enumeration)
+    return _rows((head, "Name", "Meaning"), (
+        (code.format(member), f"`{name}`", told[name])
+        for name, member in enumeration.__members__.items()))
+
+
+def _fields(fields):
+    """A table of the fields of a packet, by octet."""
+    rows, at = [], 0
+    for field in fields:
+        octets = field.bits // 8
+        place = at if octets == 1 else f"{at} to {at + octets - 1}"
+        rows.append((place, f"`{field.name}`", field.meaning))
+        at += octets
+    return _rows(("Octets", "Field", "Meaning"), rows)
+
+
+def _packets():
+    told = meanings(protocol.PacketKind)
+    return _rows(("Kind", "Name", "Body"), (
+        (f"`{kind:02X}`", f"`{kind.name}`", told[kind.name]) for kind in protocol.PacketKind))
+
+
+def _trailer():
+    return _fields(protocol.TRAILER_FIELDS)
+
+
+def _compact():
+    form = protocol.COMPACT
+    return _rows(("Bits", "Short form", "Bits", "Long form"), (
+        (1, "0", 1, "1"),
+        (form.V_BITS, f"v less the v of the point before in the packet (0 for the first), plus "
+                      f"{form.V_OFFSET}", 18, "v"),
+        (18, "u", 18, "u"),
+        (form.AREA_BITS, "area", 8, "area"),
+        (form.SHORT_BITS, "together", form.LONG_BITS, "together")))
+
+
+def _commands():
+    told = meanings(protocol.Command)
+    return _rows(("Code", "Command", "Parameters and reply, bits in parentheses"), (
+        (f"`{command:02X}`", f"`{command.name}`", told[command.name])
+        for command in protocol.Command))
+
+
+def _reasons():
+    return _members(protocol.Reason, "Reason")
+
+
+def _flags():
+    return _members(protocol.Flag, "Bit")
+
+
+def _registers():
+    rows = []
+    for register in protocol.registers():
+        low, high = register.low, register.high
+        if register.signed:
+            low, high = -(1 << register.bits - 1), (1 << register.bits - 1) - 1
+        elif high is None:
+            high = (1 << register.bits) - 1
+        meaning = register.meaning + ("; only while stopped" if register.only_stopped else "")
+        rows.append((f"`{register.address:02X}`", f"`{register.name}`", register.bits,
+                     f"{low} to {high}", register.reset, meaning))
+    return _rows(("Address", "Name", "Bits", "Values", "Reset", "Meaning"), rows)
+
+
+def _tables():
+    words = {"depth": "2 K", "beams": "K", "places": "pixels / 4"}
+    return _rows(("Number", "Name", "Words", "Bits", "Octets", "A word"), (
+        (table.number, f"`{table.name}`", words.get(table.name, table.words), table.bits,
+         table.octets, table.meaning) for table in protocol.tables("paper")))
+
+
+def _bits(name, head):
+    """A table of the bits that a tuple of names stands for."""
+    told = re.search(rf"^{name} = \((.*?)\n\)", inspect.getsource(protocol), re.M | re.S)[1]
+    rows = re.findall(r'"(\w+)",  # (.*)', told)
+    assert tuple(each for each, _ in rows) == getattr(protocol, name)
+    return _rows(("Bit", head, "Meaning"), (
+        (bit, f"`{each}`", meaning) for bit, (each, meaning) in enumerate(rows)))
+
+
+def _causes():
+    return _bits("GUARD_CAUSES", "Cause")
+
+
+def _screen():
+    return _bits("SCREEN_FAULTS", "What")
+
+
+def _texture():
+    return _fields(protocol.TEXTURE_FIELDS)
+
+
+def _identity():
+    return _fields(protocol.IDENTITY_FIELDS)
+
+
+def _status():
+    return _fields(protocol.STATUS_FIELDS)
+
+
+#: What writes each table, by its name.
+TABLES = {function.__name__[1:]: function for function in (
+    _packets, _trailer, _compact, _texture, _flags, _commands, _reasons, _registers, _tables,
+    _identity, _status, _causes, _screen)}
+
+
+def updated(text):
+    """``text`` with all its tables written anew."""
+    return _MARKED.sub(lambda found: found[1] + TABLES[found[2]]() + found[3], text)
+
+
+def main(arguments=None):
+    """Write the tables, or with ``--check`` only look; gives the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m scripts.rtl.readme_tables", description=__doc__)
+    parser.add_argument("--check", action="store_true", help="write nothing, fail if stale")
+    check = parser.parse_args(arguments).check
+    stale = []
+    for name in FILES:
+        path = ROOT / name
+        text = path.read_text()
+        new = updated(text)
+        if new != text:
+            stale.append(name)
+            if not check:
+                path.write_text(new)
+    if check and stale:
+        print(f"Tables are stale in {' and '.join(stale)}: "
+              "run `python -m scripts.rtl.readme_tables`.")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,155 @@
+"""Verilog and a C++ harness to a shared library, without VPI."""
+
+import fcntl
+import hashlib
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+from scripts import paths
+from scripts.paths import ROOT
+from scripts.simulation.verilator import verilator_environment
+
+__all__ = ["ZEROS", "build", "clocked_verilog", "harness"]
+
+BUILD = paths.BUILD / "native"
+#: What makes a library of its sources; it has to be made again when they change.
+_HERE = Path(__file__).parent
+_MAKERS = (Path(__file__), _HERE / "verilator.py", ROOT / "requirements.txt")
+#: Memories that begin as zero, a line for each word: Verilator clears what has no value anyway.
+ZEROS = re.compile(r"^  initial begin\n(?:    \S+ ?\[\d+\] = \d+'h0+;\n)+  end\n", re.MULTILINE)
+_PIC = "-fPIC -fno-semantic-interposition -std=c++17"
+
+
+def harness(name, memory):
+    """The C++ of a harness beside this file, ``memory``: with a model of the external memory."""
+    text = (_HERE / name).read_text()
+    return f"#define PAPER\n{(_HERE / 'sram.hpp').read_text()}\n{text}" if memory else text
+
+
+def clocked_verilog(component, name, clocks, registered=None, any_edge=True):
+    """Verilog of ``component`` in which any change of a clock stands for a rising edge.
+
+    So one evaluation makes a clock. No reset is wired: a new library starts from power-up.
+
+    Parameters
+    ----------
+    component : :class:`amaranth.lib.wiring.Component`
+        The design.
+    name : :class:`str`
+        Name of the module.
+    clocks : :class:`dict`
+        The port of each clock domain.
+    registered : :class:`dict`
+        Inputs to put a register in front of, and its domain: that leaves no logic that hangs on
+        the inputs alone, which would be evaluated at every clock.
+    any_edge : :class:`bool`
+        False for designs that know falling edges too: edges are then what they are.
+    """
+    from amaranth.hdl import ClockDomain, Const, Module, Value
+    from amaranth.lib import wiring
+    from amaranth.lib.wiring import In
+
+    from hdl.export import to_fast_verilog
+
+    class Native(wiring.Component):
+        def __init__(self):
+            super().__init__({**component.signature.members,
+                              **{port: In(1) for port in clocks.values()}})
+
+        def elaborate(self, platform):
+            m = Module()
+            m.submodules.inner = component
+            for domain, port in clocks.items():
+                domain = ClockDomain(domain, local=True)
+                setattr(m.domains, domain.name, domain)
+                m.d.comb += [domain.clk.eq(getattr(self, port)), domain.rst.eq(0)]
+            inner = {path: value for path, _, value in component.signature.flatten(component)}
+            for path, member, value in self.signature.flatten(self):
+                if path in inner:
+                    mine, its = Value.cast(value), Value.cast(inner[path])
+                    if isinstance(mine, Const):  # always ready, or valid
+                        continue
+                    domain = (registered or {}).get(path[0], "comb")
+                    m.d[domain] += its.eq(mine) if member.flow == In else mine.eq(its)
+            return m
+
+    text = to_fast_verilog(Native(), name)
+    return re.sub(r"\bposedge (\w*clk)\b", r"\1", text) if any_edge else text
+
+
+def build(name, key, verilog, harness, optimise=True):
+    """Path of a shared library of a Verilated module and its harness; built if it is not there.
+
+    Parameters
+    ----------
+    name : :class:`str`
+        Name of the Verilog module, and of the C++ class with a ``V`` before it.
+    key : :class:`str`
+        All that the library depends on; a change of it makes another library.
+    verilog : callable
+        Gives the Verilog text when it is needed.
+    harness : :class:`str`
+        C++ text.
+    optimise : :class:`bool`
+        Take time to compile, for long runs.
+
+    Raises
+    ------
+    RuntimeError
+        If a step fails; what it printed is in ``build.log`` in the library's folder.
+    """
+    def make(folder):
+        (folder / f"{name}.v").write_text(ZEROS.sub("", verilog()))
+        (folder / "harness.cpp").write_text(harness)
+        return _compile(folder, name, optimise)
+
+    return _made(name, (key, harness, str(optimise)), f"lib{name}.so", make)
+
+
+def _made(name, key, result, make):
+    """Path of the file ``result`` in the folder of ``name`` and ``key``.
+
+    If it is not there, ``make(folder)`` gives the path of a file that becomes it.
+    """
+    digest = hashlib.sha256("\0".join((*key, *(file.read_text() for file in _MAKERS))).encode())
+    folder = BUILD / f"{name}-{digest.hexdigest()[:16]}"
+    path = folder / result
+    if path.exists():
+        return path
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with open(folder.parent / f".{folder.name}.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not path.exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            make(folder).rename(path)
+    return path
+
+
+def _compile(folder, name, optimise):
+    environment = verilator_environment()
+
+    def step(*command):
+        done = subprocess.run(command, cwd=folder, env=environment, text=True,
+                              stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                              stderr=subprocess.STDOUT)
+        if done.returncode:
+            (folder / "build.log").write_text(done.stdout)
+            raise RuntimeError(f"{command[0]} failed, see {folder / 'build.log'}:\n"
+                               + done.stdout[-3000:])
+        return done.stdout
+
+    slow = "-O1" if optimise else "-O0"
+    step("verilator", "--cc", f"{name}.v", "--top-module", name, "--prefix", f"V{name}", "-Mdir",
+         "objects", "-Wno-fatal", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert",
+         "-CFLAGS", _PIC)
+    step("make", "-s", "-C", "objects", "-f", f"V{name}.mk", "OPT_FAST=-O2", f"OPT_SLOW={slow}",
+         f"OPT_GLOBAL={'-O2' if optimise else '-O1'}")
+    include = Path(step("verilator", "--getenv", "VERILATOR_ROOT").strip()) / "include"
+    step(*environment.get("OBJCACHE", "").split(), "c++", *_PIC.split(), "-O2", "-Iobjects",
+         f"-I{include}", f"-I{include / 'vltstd'}", "-c", "harness.cpp", "-o", "harness.o")
+    step("c++", "-shared", "harness.o", f"objects/libV{name}.a", "objects/libverilated.a",
+         "-lpthread", "-o", "partial.so")
+    return folder / "partial.so"

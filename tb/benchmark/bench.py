@@ -1,0 +1,187 @@
+"""``make bench``: speed, accuracy, latency, noise, size, link and presets, each measured now.
+
+``python -m tb.benchmark.bench speed|accuracy|latency|noise|size|link|presets`` prints one part.
+"""
+
+import sys
+import time
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+__all__ = ["PARTS", "main"]
+
+_FRAMES = 40
+_SEEDS = range(1, 6)
+
+
+def _table(title, *columns):
+    table = Table(title=title, title_justify="left")
+    for index, column in enumerate(columns):
+        table.add_column(column, justify="left" if index == 0 else "right")
+    return table
+
+
+def opencv_points(image, level, camera, distortion):
+    """What the chip does to a frame, by OpenCV: components, centres, undistortion.
+
+    The matching, a thousandth of the work, is left out.
+    """
+    _, mask = cv2.threshold(image, level - 1, 255, cv2.THRESH_BINARY)
+    mask = cv2.erode(mask, np.ones((3, 3), np.uint8))
+    histogram = cv2.calcHist([image], [0], None, [256], [0, 256])
+    count, _, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    if count > 1:
+        cv2.undistortPoints(centres[1:, None], camera, distortion)
+    return histogram, stats
+
+
+def _rate(work, frames, least_seconds=2.0):
+    """Frames per second of ``work(frames)``, repeated until it took long enough; the best run."""
+    best = 0.0
+    begin = time.perf_counter()
+    while time.perf_counter() - begin < least_seconds:
+        start = time.perf_counter()
+        work(frames)
+        best = max(best, len(frames) / (time.perf_counter() - start))
+    return best
+
+
+def speed(console):
+    """Frames a second of every engine and of OpenCV, in one run on one core."""
+    cv2.setNumThreads(1)
+    from hdl.config import PRESETS
+    from scripts.simulation.engine import ModelEngine, RTLEngine
+    from tb.system.frames import cocotb_speed
+    from tb.system.stimuli import any_settings, spot_frame
+
+    config = PRESETS["capsule"]
+    settings = any_settings(config.width, config.height, config.beams, report_rejected=False,
+                            area_min=5)
+    frames = [spot_frame(config.width, config.height, seed, spots=49) for seed in range(_FRAMES)]
+    rtl = RTLEngine(settings, config)
+    model = ModelEngine(settings, config.width, config.height)
+    list(rtl.frames(frames[:2]))
+    clocks = rtl.clocks
+    list(rtl.frames(frames))
+    clocks = (rtl.clocks - clocks) / (len(frames) + 1)
+    camera = np.array([[300.0, 0, 175.5], [0, 300, 143.5], [0, 0, 1]])
+    rates = {
+        "RTL, native engine": _rate(lambda some: list(rtl.frames(some)), frames, 6.0),
+        "golden model, numpy": _rate(lambda some: list(model.frames(some)), frames),
+        "OpenCV, the same work": _rate(
+            lambda some: [opencv_points(f, 60, camera, np.zeros(4)) for f in some], frames),
+    }
+    rates["RTL, cocotb bench"], cocotb_clocks = cocotb_speed()
+    table = _table(f"Speed, {config.width} x {config.height}, one core",
+                   "", "frames/s", "clocks/s", "of video rate (25)", "of OpenCV")
+    for name, rate in rates.items():
+        per_frame = {"RTL, native engine": clocks, "RTL, cocotb bench": cocotb_clocks}.get(name)
+        table.add_row(name, f"{rate:.1f}", f"{rate * per_frame:,.0f}" if per_frame else "",
+                      f"{rate / 25:.2f}", f"{rate / rates['OpenCV, the same work']:.3f}")
+    console.print(table)
+
+
+def accuracy(console):
+    """Depth errors of simulated rigs, each calibrated from its own capture."""
+    from rich.progress import track
+
+    from tb.benchmark.depth_error import CASES, measure
+    table = _table("Depth, seeds 1 to 5, golden model (its points are the RTL's)", "rig", "scenes",
+                   "centre, erosion", "mean error", "limit", "found", "wrong", "ok points")
+    for case in track(CASES, "accuracy", console=Console(stderr=True), transient=True):
+        error, expected, found = measure(case, _SEEDS)
+        table.add_row(
+            case.rig, ", ".join(case.kinds) + (", split spots" if case.split else ""),
+            f"{case.centre}, {case.erosion}", f"{100 * error.mean():.3f} %",
+            f"{100 * case.limit:.2f} %" if case.limit else "",
+            f"{100 * found / expected:.2f} %", f"{100 * np.mean(error > 0.05):.3f} %",
+            str(len(error)))
+    console.print(table)
+
+
+def latency(console):
+    """Clocks from a frame's last pixel to its last point, at the Point FIFO."""
+    from hdl.config import PRESETS
+    from tb.system.chain import last_point_latency
+    config = PRESETS["capsule"]
+    table = _table("From a frame's last pixel to its last point; 64 spots end on the last row",
+                   "lanes", "clocks", "limit (3 rows + 1000)", "points")
+    for lanes in (config.lanes, 8):
+        clocks, points = last_point_latency(replace(config, lanes=lanes))
+        table.add_row(str(lanes), f"{clocks:,}", f"{3 * config.width + 1000:,}", str(points))
+    console.print(table)
+
+
+def noise(console):
+    """What bit errors on the line cost, on its octets and on its start and stop bits too."""
+    from rich.progress import track
+
+    from tb.link.noise import measure
+    table = _table("The link at a bit-error rate of 1e-4: of its octets, of its levels", "", "seed",
+                   "octets", "errors", "packets", "wrong", "lost", "not hit", "right at last")
+    runs = [(characters, seed) for characters in (False, True) for seed in _SEEDS]
+    for characters, seed in track(runs, "noise", console=Console(stderr=True), transient=True):
+        figures = measure(1_000_000, 1e-4, seed, characters)
+        table.add_row(
+            "levels" if characters else "octets", str(seed), f"{figures.octets:,}",
+            str(figures.errors), f"{figures.packets:,}", str(figures.wrong), str(figures.lost),
+            str(figures.bystanders), "yes" if figures.recovered else "no")
+    console.print(table)
+
+
+def size(console):
+    """Look-up tables, flip-flops, multipliers and block RAMs of every block."""
+    from scripts.rtl import size as sizes
+    sizes.main([])
+
+
+def link(console):
+    """What the serial line carries: points of simulated frames, and texture in what they leave."""
+    from tb.benchmark import line_load
+    frames = [frame for frame in line_load.realistic_frames(_SEEDS)
+              if np.count_nonzero(frame.points["status"] == 0) == 49]
+    octets = np.array([line_load.points_octets(frame) for frame in frames])
+    pair = line_load.octets_per_pair()
+    table = _table(f"Octet times of a frame of 49 ok points, pauses included, of the {pair:.1f} of "
+                   f"a pair at {line_load.BAUD:,} baud", "", "octets", "of the line", "limit")
+    for name, value in (("least", octets.min()), ("mean", octets.mean()), ("most", octets.max())):
+        table.add_row(f"{name} of {len(frames)} frames", f"{value:.1f}",
+                      f"{100 * value / pair:.1f} %", "299" if name == "most" else "")
+    console.print(table)
+    table = _table("Time to send a whole texture of 352 x 288", "beside", "s")
+    for name, frame in (("49 ok points, the longest frame", frames[int(octets.argmax())]),
+                        ("nothing", None)):
+        table.add_row(name, f"{line_load.refresh_seconds(frame):.1f}")
+    console.print(table)
+
+
+def presets(console):
+    """Both presets side by side."""
+    from tb.benchmark import presets as both
+    both.presets(console)
+
+
+PARTS = {part.__name__: part for part in (
+    speed, accuracy, latency, noise, size, link, presets)}
+
+
+def main(arguments=None):
+    """Print the parts that are named, or all; gives the exit status."""
+    names = sys.argv[1:] if arguments is None else arguments
+    unknown = [name for name in names if name not in PARTS]
+    if unknown:
+        print(f"There is no part {unknown[0]!r}; there are: {', '.join(PARTS)}.",
+              file=sys.stderr)
+        return 2
+    console = Console()
+    for name in names or PARTS:
+        PARTS[name](console)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

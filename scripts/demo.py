@@ -108,7 +108,7 @@ def _judge(folder, calibration_path, emulator):
     from calibration import file
     from scripts.results.accuracy import compare, load_points, load_truth
     from scripts.results.overlay import beam_segments, draw_frame, write_picture
-    from scripts.results.points import Shown
+    from scripts.results.points import FrameResult
     from scripts.results.report_plots import plot_cloud, plot_error
     from scripts.results.summary import accuracy_table
 
@@ -127,9 +127,9 @@ def _judge(folder, calibration_path, emulator):
         if number > numbers[0] + 2 * _SCENES - 2:
             break
         image = emulator.shown[number][0]
-        shown = Shown(number, result, None, *(int(row[name]) for name in (
+        frame = FrameResult(number, result, None, *(int(row[name]) for name in (
             "level", "spots", "rejected", "dropped")), points[points["frame"] == number])
-        write_picture(result / "frames" / f"{number:04}.png", draw_frame(image, shown, segments))
+        write_picture(result / "frames" / f"{number:04}.png", draw_frame(image, frame, segments))
     first = np.isin(points["frame"], numbers[:_SCENES])
     plot_cloud(result / "point_cloud.png", points[first], calibration.columns)
     plot_error(result / "depth_error.png", accuracy, calibration.width, calibration.height)

@@ -284,12 +284,12 @@ def _nothing(name, live, decoder):
 def _report(arguments, decoder, recorder, why):
     """What came, and all that was not as it should be."""
     from scripts.host.recorder import MISMATCH
-    from scripts.results.summary import many
+    from scripts.results.summary import plural
     if why:
         print(f"{why}.")
     *counts, last = [
-        many(recorder.frames, "frame"), many(recorder.points, "point"),
-        *(many(count, f"whole {kind}") for kind, count in recorder.whole.items()
+        plural(recorder.frames, "frame"), plural(recorder.points, "point"),
+        *(plural(count, f"whole {kind}") for kind, count in recorder.whole.items()
           if kind == "texture" or kind in recorder.seen)]
     print(f"{', '.join(counts)} and {last} in {arguments.output}")
     for number, words in (
@@ -302,7 +302,7 @@ def _report(arguments, decoder, recorder, why):
         if number:
             print(f"! {number} {words}")
     if recorder.unverified:
-        print(f"! {many(recorder.unverified, 'frame')} whose check failed: {MISMATCH}.")
+        print(f"! {plural(recorder.unverified, 'frame')} whose check failed: {MISMATCH}.")
     for kind in recorder.seen:
         wanted = kind == "pattern" or recorder.seen == {"texture"}
         if arguments.images is not None and wanted and not recorder.whole[kind]:

@@ -61,7 +61,7 @@ def run(targets, calibration_path, output, engine="rtl", *, independent=False, p
 
     Returns
     -------
-    list of :class:`scripts.results.points.Shown`,
+    list of :class:`scripts.results.points.FrameResult`,
     :class:`scripts.results.accuracy.Accuracy` or None
         The latter where there is truth.
     """
@@ -78,7 +78,7 @@ def run(targets, calibration_path, output, engine="rtl", *, independent=False, p
     from scripts.results.accuracy import compare, load_truth
     from scripts.results.outputs import write_csv, write_ply
     from scripts.results.points import POINT
-    from scripts.results.summary import many
+    from scripts.results.summary import plural
     from scripts.simulation.engine import open_engine
 
     calibration = file.load(calibration_path)
@@ -103,14 +103,14 @@ def run(targets, calibration_path, output, engine="rtl", *, independent=False, p
             from scripts.results.overlay import beam_segments, draw_frame, write_picture
             (folder / "frames").mkdir()
             segments = beam_segments(calibration)
-        for image, shown in measured:
-            frames.append(shown)
+        for image, frame in measured:
+            frames.append(frame)
             if pictures:
-                write_picture(folder / "frames" / f"{shown.index:04}.png",
-                              draw_frame(image, shown, segments))
-        points = np.concatenate([shown.points for shown in frames] or [np.zeros(0, POINT)])
+                write_picture(folder / "frames" / f"{frame.index:04}.png",
+                              draw_frame(image, frame, segments))
+        points = np.concatenate([frame.points for frame in frames] or [np.zeros(0, POINT)])
         accuracy = None if truth is None else compare(
-            points, truth, [shown.index for shown in frames])
+            points, truth, [frame.index for frame in frames])
         write_csv(folder / "points.csv", points)
         write_ply(folder / "points.ply", points, ", ".join(map(str, targets[:3])))
         if pictures:
@@ -124,7 +124,7 @@ def run(targets, calibration_path, output, engine="rtl", *, independent=False, p
         with open(folder / "summary.txt", "w") as text:
             _report(Console(file=text, width=130, color_system=None), frames, accuracy)
     _report(console, frames, accuracy, _TABLE_LINES)
-    console.print(f"{many(len(points), 'spot')} of {many(len(frames), 'frame')} in {output}",
+    console.print(f"{plural(len(points), 'spot')} of {plural(len(frames), 'frame')} in {output}",
                   highlight=False)
     return frames, accuracy
 

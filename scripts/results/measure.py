@@ -3,8 +3,8 @@
 from collections import deque
 
 from calibration.capture import read_image
-from scripts.results.points import STATUS, Shown, locate
-from scripts.results.summary import many
+from scripts.results.points import STATUS, FrameResult, locate
+from scripts.results.summary import plural
 
 __all__ = ["frame_notes", "measure"]
 
@@ -17,21 +17,21 @@ def frame_notes(image, frame, points):
     if frame.learning:
         notes.append("learning: no threshold yet")
     if frame.skipped:
-        notes.append(f"{many(frame.skipped, 'frame')} lost before it")
+        notes.append(f"{plural(frame.skipped, 'frame')} lost before it")
     if frame.dropped:
-        notes.append(f"{many(frame.dropped, 'spot')} dropped, no room")
+        notes.append(f"{plural(frame.dropped, 'spot')} dropped, no room")
     if frame.lost or not frame.summarised:
-        notes.append(f"{many(frame.lost, 'packet')} lost on the link")
+        notes.append(f"{plural(frame.lost, 'packet')} lost on the link")
     elif not frame.balanced:
         notes.append("its counts do not add up")
     if frame.verified is False:
         notes.append("its check fails: other tables in the chip, or a fault in its depth unit")
     if frame.bad_sync or frame.overrun:
-        notes.append(f"camera: {many(frame.bad_sync, 'bad sync')}, "
-                     f"{many(frame.overrun, 'overrun')} so far")
+        notes.append(f"camera: {plural(frame.bad_sync, 'bad sync')}, "
+                     f"{plural(frame.overrun, 'overrun')} so far")
     unlisted = frame.rejected - int((points["status"] == STATUS.index("rejected")).sum())
     if unlisted > 0:
-        notes.append(f"{many(unlisted, 'rejected spot')} without a row")
+        notes.append(f"{plural(unlisted, 'rejected spot')} without a row")
     beams = points["beam"][points["beam"] >= 0].tolist()
     twice = sorted({beam for beam in beams if beams.count(beam) > 1})
     if twice:
@@ -63,7 +63,7 @@ def measure(entries, calibration, engine, independent=False):
 
     Yields
     ------
-    (2-D ``uint8`` array, :class:`scripts.results.points.Shown`)
+    (2-D ``uint8`` array, :class:`scripts.results.points.FrameResult`)
     """
     size = (calibration.width, calibration.height)
     waiting = deque()
@@ -77,7 +77,7 @@ def measure(entries, calibration, engine, independent=False):
         entry, image = waiting.popleft()
         grey = image if entry.texture is None else read_image(entry.texture, *size)
         points = locate(frame.points, entry.index, calibration, grey)
-        yield image, Shown(
+        yield image, FrameResult(
             index=entry.index, path=entry.path, texture=entry.texture, level=frame.level,
             spots=frame.spots, rejected=frame.rejected, dropped=frame.dropped, points=points,
             notes=frame_notes(image, frame, points))

@@ -73,17 +73,17 @@ def _haloed(picture, words, at, colour, size):
     _text(picture, words, at, colour, size, 700)
 
 
-def _legend(picture, shown, top, disabled):
+def _legend(picture, frame, top, disabled):
     """Two lines under the frame: what it is, and what the colours mean."""
-    words = f"frame {shown.index}    threshold {shown.level}    {shown.spots} spots"
-    if shown.notes:
-        words += "    " + "; ".join(shown.notes)
+    words = f"frame {frame.index}    threshold {frame.level}    {frame.spots} spots"
+    if frame.notes:
+        words += "    " + "; ".join(frame.notes)
     size = next((size for size in range(15, 8, -1)
                  if _width(words, size, 600) < picture.shape[1] - 20), 8)
     _text(picture, words, (10, top + 22), _WORDS, size, 600)
     left = 10
     for status, (name, colour) in enumerate(zip(STATUS, _SPOT, strict=True)):
-        number = np.count_nonzero(shown.points["status"] == status)
+        number = np.count_nonzero(frame.points["status"] == status)
         cv2.circle(picture, (left + 6, top + 41), 6, colour, 2, cv2.LINE_AA)
         words = f"{number} {name}" + (", with its beam's number" if name == "ok" else "")
         _text(picture, words, (left + 18, top + 46), _WORDS, 14)
@@ -93,14 +93,14 @@ def _legend(picture, shown, top, disabled):
           (left + 28, top + 46), _WORDS, 14)
 
 
-def draw_frame(image, shown, segments):
+def draw_frame(image, frame, segments):
     """The frame, three times as large, with all that was made of it.
 
     Parameters
     ----------
     image : 2-D ``uint8`` array
         The pattern frame.
-    shown : :class:`scripts.results.points.Shown`
+    frame : :class:`scripts.results.points.FrameResult`
         What became of it.
     segments : array
         From :func:`beam_segments`.
@@ -120,7 +120,7 @@ def draw_frame(image, shown, segments):
     lines = body.copy()
     cv2.polylines(lines, drawn, False, _LINE, 2, cv2.LINE_AA, _SHIFT)
     circles = [(_place((point["u"], point["v"])), int(_reach(point) * (1 << _SHIFT)),
-                _SPOT[point["status"]]) for point in shown.points]
+                _SPOT[point["status"]]) for point in frame.points]
     for place, radius, _ in circles:  # what a ring encloses is shown as it is
         cv2.circle(lines, place, radius, _UNTOUCHED, cv2.FILLED, cv2.LINE_8, _SHIFT)
     keep = (lines == _UNTOUCHED).all(axis=2)
@@ -128,14 +128,14 @@ def draw_frame(image, shown, segments):
     cv2.addWeighted(lines, 0.8, body, 0.2, 0, dst=body)
     for place, radius, colour in circles:
         cv2.circle(body, place, radius, colour, 2, cv2.LINE_AA, _SHIFT)
-    for point in shown.points[shown.points["beam"] >= 0]:
+    for point in frame.points[frame.points["beam"] >= 0]:
         words = str(point["beam"])
         reach = _reach(point) + 1.5
         left, base = (point["u"] + 0.5) * SCALE + reach, (point["v"] + 0.5) * SCALE - reach / 3
         if left + _width(words, 13, 700) > body.shape[1]:
             left -= 2 * reach + _width(words, 13, 700)
         _haloed(body, words, (left, max(base, 13)), _SPOT[point["status"]], 13)
-    _legend(picture, shown, height * SCALE, len(segments) - len(drawn))
+    _legend(picture, frame, height * SCALE, len(segments) - len(drawn))
     return picture
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["POINT", "STATUS", "Shown", "locate"]
+__all__ = ["POINT", "STATUS", "FrameResult", "locate"]
 
 #: Names of the status codes on the wire.
 STATUS = ("ok", "noise", "ambiguous", "rejected")
@@ -22,7 +22,7 @@ _LSB_PX = 1 / 512
 
 
 @dataclass(frozen=True)
-class Shown:
+class FrameResult:
     """What became of one frame.
 
     Parameters

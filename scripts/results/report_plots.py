@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator  # noqa: E402
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # noqa: E402
 
 from scripts.results.accuracy import WRONG  # noqa: E402
-from scripts.results.summary import many  # noqa: E402
+from scripts.results.summary import plural  # noqa: E402
 
 __all__ = ["plot_cloud", "plot_error"]
 
@@ -71,7 +71,7 @@ def plot_cloud(path, points, columns):
     frames = np.unique(placed["frame"])
     single = len(frames) <= 1
     figure = pyplot.figure(figsize=(12, 6 if single else 9.5), layout="constrained")
-    figure.suptitle(f"{many(len(placed), 'point')} of {many(len(frames), 'frame')}, "
+    figure.suptitle(f"{plural(len(placed), 'point')} of {plural(len(frames), 'frame')}, "
                     "in millimetres, coloured by their distance")
     if not len(placed):
         figure.text(0.5, 0.5, "no points", ha="center", fontsize=20, color="0.5")

@@ -4,7 +4,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["COLOURS", "accuracy_table", "frames_table", "many", "notes_text", "totals"]
+__all__ = ["COLOURS", "accuracy_table", "frames_table", "notes_text", "plural", "totals"]
 
 #: A colour per status, in the order of the codes, for pictures and terminals alike.
 COLOURS = ("#35d07f", "#b0b0b0", "#ffb02e", "#ff5a4f")
@@ -12,20 +12,20 @@ COLOURS = ("#35d07f", "#b0b0b0", "#ffb02e", "#ff5a4f")
 _COUNTED = ("ok", "noise", "ambiguous", "rejected")
 
 
-def many(number, what):
+def plural(number, what):
     """``1 frame`` or ``3 frames``."""
     return f"{number} {what}{'s' * (number != 1)}"
 
 
-def _figures(shown):
+def _figures(frame):
     return {
-        "spots": shown.spots, **{name: shown.count(name) for name in _COUNTED[:3]},
-        "rejected": shown.rejected, "dropped": shown.dropped}
+        "spots": frame.spots, **{name: frame.count(name) for name in _COUNTED[:3]},
+        "rejected": frame.rejected, "dropped": frame.dropped}
 
 
 def totals(frames):
     """Sums over frames of spots, ok, noise, ambiguous, rejected and dropped."""
-    figures = [_figures(shown) for shown in frames]
+    figures = [_figures(frame) for frame in frames]
     return {name: sum(each[name] for each in figures)
             for name in ("spots", *_COUNTED, "dropped")}
 
@@ -40,27 +40,27 @@ def frames_table(frames, limit=None):
 
     Parameters
     ----------
-    frames : list of :class:`scripts.results.points.Shown`
+    frames : list of :class:`scripts.results.points.FrameResult`
         In the order measured.
     limit : :class:`int` or None
         After so many frames only those with notes have a line of their own, as many again at most.
     """
-    table = Table(box=box.SIMPLE_HEAD, title=f"Spots of {many(len(frames), 'frame')}",
+    table = Table(box=box.SIMPLE_HEAD, title=f"Spots of {plural(len(frames), 'frame')}",
                   title_justify="left", padding=(0, 1), pad_edge=False)
     for name, colour in (("frame", ""), ("level", ""), ("spots", ""),
                          *zip(_COUNTED, COLOURS, strict=True), ("dropped", ""), ("", "")):
         table.add_column(name, justify="right", header_style=colour, no_wrap=True)
     shown_lines = hidden = 0
-    for position, shown in enumerate(frames):
+    for position, frame in enumerate(frames):
         late = limit is not None and position >= limit
-        if late and (not shown.notes or shown_lines >= 2 * limit):
+        if late and (not frame.notes or shown_lines >= 2 * limit):
             hidden += 1
             continue
         shown_lines += 1
         table.add_row(
-            str(shown.index), str(shown.level),
-            *(_cell(name, value) for name, value in _figures(shown).items()),
-            Text("!" if shown.notes else "", style="bold yellow"))
+            str(frame.index), str(frame.level),
+            *(_cell(name, value) for name, value in _figures(frame).items()),
+            Text("!" if frame.notes else "", style="bold yellow"))
     if hidden:
         table.add_row("…", f"{hidden} more")
     table.add_section()
@@ -71,10 +71,11 @@ def frames_table(frames, limit=None):
 def notes_text(frames, limit=None):
     """What was not as it should be, a line per frame; at most ``limit`` lines, then how many more.
     """
-    noted = [shown for shown in frames if shown.notes]
-    lines = [f"! frame {shown.index}: {'; '.join(shown.notes)}" for shown in noted[:limit]]
+    noted = [frame for frame in frames if frame.notes]
+    lines = [f"! frame {frame.index}: {'; '.join(frame.notes)}" for frame in noted[:limit]]
     if len(lines) < len(noted):
-        lines.append(f"! {many(len(noted) - len(lines), 'more frame')} with notes, in summary.txt")
+        more = plural(len(noted) - len(lines), "more frame")
+        lines.append(f"! {more} with notes, in summary.txt")
     return Text("\n".join(lines), style="yellow")
 
 

@@ -10,7 +10,7 @@ from model.errors import UserError
 from scripts.host.chip import check_chip, parse_identity
 from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
 from scripts.results.outputs import CSV_HEADER, csv_line, ply_header, ply_line
-from scripts.results.points import POINT, STATUS, locate
+from scripts.results.points import DUPLICATE, POINT, STATUS, find_duplicates, locate
 
 __all__ = ["MISMATCH", "NO_CALIBRATION", "Recorder", "Texture"]
 
@@ -241,7 +241,7 @@ class Recorder:
         points = self._located(frame)
         for point in points:
             self._points.write(csv_line(point, _NAMES))
-        self.points += int(np.count_nonzero(points["beam"] >= 0))
+        self.points += int(np.count_nonzero(points["status"] == STATUS.index("ok")))
         placed = points[~np.isnan(points["z"])]
         if self.last_only and len(placed):
             self._cloud.seek(0)
@@ -263,6 +263,7 @@ class Recorder:
         for name in ("status", "area"):
             points[name] = reported[name]
         points["beam"] = np.where(points["status"] == 0, np.asarray(reported["beam"], np.int16), -1)
+        points["status"][find_duplicates(reported)] = DUPLICATE
         for name in "uv":
             points[name] = np.asarray(reported[name], float) * _LSB_PX
         for name in "xyz":

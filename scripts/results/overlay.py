@@ -84,6 +84,8 @@ def _legend(picture, frame, top, disabled):
     left = 10
     for status, (name, colour) in enumerate(zip(STATUS, _SPOT, strict=True)):
         number = np.count_nonzero(frame.points["status"] == status)
+        if not number and name == "duplicate":
+            continue
         cv2.circle(picture, (left + 6, top + 41), 6, colour, 2, cv2.LINE_AA)
         words = f"{number} {name}" + (", with its beam's number" if name == "ok" else "")
         _text(picture, words, (left + 18, top + 46), _WORDS, 14)

@@ -5,15 +5,21 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["POINT", "STATUS", "FrameResult", "locate"]
+from model.stereo.epipolar import unpack_line
+from model.stereo.undistort import undistort
 
-#: Names of the status codes on the wire.
-STATUS = ("ok", "noise", "ambiguous", "rejected")
+__all__ = ["DUPLICATE", "POINT", "STATUS", "FrameResult", "find_duplicates", "locate"]
 
-#: A spot: image coordinates in pixels, place in millimetres (NaN where there is none), beam (-1
-#: where there is none), grey value at the spot.
+#: Names of the status codes: those on the wire, and what is found out here.
+STATUS = ("ok", "noise", "ambiguous", "rejected", "duplicate")
+#: An ok spot whose beam has a better one in the same frame: it keeps the beam, and has no
+#: coordinates.
+DUPLICATE = STATUS.index("duplicate")
+
+#: A spot: image coordinates in pixels, coordinates in millimetres (NaN where there are none), beam
+#: (-1 where there is none), grey value at the spot.
 POINT = np.dtype([
-    ("frame", np.int32), ("beam", np.int16), ("u", np.float64), ("v", np.float64),
+    ("frame", np.int64), ("beam", np.int16), ("u", np.float64), ("v", np.float64),
     ("area", np.int16), ("x", np.float64), ("y", np.float64), ("z", np.float64),
     ("status", np.uint8), ("intensity", np.uint8)])
 
@@ -59,12 +65,51 @@ class FrameResult:
         return int(np.count_nonzero(self.points["status"] == STATUS.index(status)))
 
 
+def find_duplicates(reported, calibration=None):
+    """Which ok spots are not the best of their beam in the frame.
+
+    The best spot of a beam is the one nearest to the beam's epipolar line, the larger one of two
+    that are equally near, the first one of two that are equally large. Without a calibration
+    the distance is not known, and the larger one is the better.
+
+    Parameters
+    ----------
+    reported : structured array
+        Spots of one frame, as for :func:`locate`.
+    calibration : calibration or None
+        Gives the lines.
+
+    Returns
+    -------
+    array of :class:`bool`
+        One for each spot.
+    """
+    duplicate = np.zeros(len(reported), bool)
+    ok = np.flatnonzero(reported["status"] == STATUS.index("ok"))
+    beam = np.asarray(reported["beam"], np.int64)[ok]
+    if len(np.unique(beam)) == len(beam):
+        return duplicate
+    distance = np.zeros(len(ok), np.int64)
+    if calibration is not None and beam.max() < len(calibration.settings.line):
+        settings = calibration.settings
+        x, y, _ = undistort(reported["u"][ok], reported["v"][ok], settings, calibration.width,
+                            calibration.height)
+        slope, offset = unpack_line(np.asarray(settings.line, np.int64)[beam])
+        distance = np.abs(y - (((slope * x + (1 << 16)) >> 17) + offset))
+    area = np.asarray(reported["area"], np.int64)[ok]
+    order = np.lexsort((np.arange(len(ok)), -area, distance, beam))
+    repeated = np.flatnonzero(np.diff(beam[order]) == 0) + 1
+    duplicate[ok[order[repeated]]] = True
+    return duplicate
+
+
 def locate(reported, index, calibration, grey):
     """Rows of a frame's spots, in the order in which the chip reports them.
 
     x, y and z are those of the undistorted ray through the spot's centre, at the depth that the
-    chip measured. Where the chip corrects whole images, it reports places in the corrected image;
-    u and v are where the lens puts them.
+    chip measured. A beam has one ok point at most, see :func:`find_duplicates`. Where the chip
+    corrects whole images, it reports coordinates in the corrected image; u and v are where the
+    lens puts them.
 
     Parameters
     ----------
@@ -82,6 +127,7 @@ def locate(reported, index, calibration, grey):
     for name in ("status", "area"):
         points[name] = reported[name]
     ok = points["status"] == STATUS.index("ok")
+    points["status"][find_duplicates(reported, calibration)] = DUPLICATE
     points["beam"] = np.where(ok, np.asarray(reported["beam"], np.int16), -1)
     lens = calibration.lens
     u, v = (np.asarray(reported[name], float) * _LSB_PX for name in "uv")
@@ -99,7 +145,7 @@ def locate(reported, index, calibration, grey):
     for name in "xyz":
         points[name] = np.nan
     inverse = np.asarray(reported["inverse_z"], float) * calibration.inverse_z_unit
-    measured = ok & (inverse > 0)
+    measured = (points["status"] == STATUS.index("ok")) & (inverse > 0)
     depth = 1 / inverse[measured]
     slopes = lens.ray(*undistorted)
     points["x"][measured] = slopes[0][measured] * depth

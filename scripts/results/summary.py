@@ -7,9 +7,9 @@ from rich.text import Text
 __all__ = ["COLOURS", "accuracy_table", "frames_table", "notes_text", "plural", "totals"]
 
 #: A colour per status, in the order of the codes, for pictures and terminals alike.
-COLOURS = ("#35d07f", "#b0b0b0", "#ffb02e", "#ff5a4f")
+COLOURS = ("#35d07f", "#b0b0b0", "#ffb02e", "#ff5a4f", "#c58cff")
 
-_COUNTED = ("ok", "noise", "ambiguous", "rejected")
+_COUNTED = ("ok", "noise", "ambiguous", "rejected", "duplicate")
 
 
 def plural(number, what):
@@ -20,11 +20,12 @@ def plural(number, what):
 def _figures(frame):
     return {
         "spots": frame.spots, **{name: frame.count(name) for name in _COUNTED[:3]},
-        "rejected": frame.rejected, "dropped": frame.dropped}
+        "rejected": frame.rejected, "duplicate": frame.count("duplicate"),
+        "dropped": frame.dropped}
 
 
 def totals(frames):
-    """Sums over frames of spots, ok, noise, ambiguous, rejected and dropped."""
+    """Sums over frames of spots, ok, noise, ambiguous, rejected, duplicate and dropped."""
     figures = [_figures(frame) for frame in frames]
     return {name: sum(each[name] for each in figures)
             for name in ("spots", *_COUNTED, "dropped")}

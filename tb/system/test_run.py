@@ -72,8 +72,9 @@ def test_table_and_cloud_agree(measured, prepared):
     ok = [row for row in rows if row["status"] == "ok"]
     assert len(ok) > 250 and {row["status"] for row in rows} <= set(STATUS)
     for row in rows:
-        values = [row[name] for name in ("beam", "x_mm", "y_mm", "z_mm")]
-        assert all(values) if row["status"] == "ok" else not any(values)
+        coordinates = [row[name] for name in ("x_mm", "y_mm", "z_mm")]
+        assert all(coordinates) if row["status"] == "ok" else not any(coordinates)
+        assert bool(row["beam"]) == (row["status"] in ("ok", "duplicate"))
         assert 0 <= float(row["u_px"]) <= 351 and 0 <= float(row["v_px"]) <= 287
     header, body = (measured / "points.ply").read_text().split("end_header\n")
     assert header.startswith("ply\nformat ascii 1.0\n") and "unit mm" in header

@@ -45,27 +45,35 @@ def frames_table(frames, limit=None):
         In the order measured.
     limit : :class:`int` or None
         After so many frames only those with notes have a line of their own, as many again at most.
+
+    The column `dup`, of duplicates, is there if there are any.
     """
+    sums = totals(frames)
+    hidden = () if sums["duplicate"] else ("duplicate",)
+    columns = [({"duplicate": "dup"}.get(name, name), colour) for name, colour in zip(_COUNTED, COLOURS, strict=True)
+               if name not in hidden]
     table = Table(box=box.SIMPLE_HEAD, title=f"Spots of {plural(len(frames), 'frame')}",
                   title_justify="left", padding=(0, 1), pad_edge=False)
     for name, colour in (("frame", ""), ("level", ""), ("spots", ""),
-                         *zip(_COUNTED, COLOURS, strict=True), ("dropped", ""), ("", "")):
+                         *columns, ("dropped", ""), ("", "")):
         table.add_column(name, justify="right", header_style=colour, no_wrap=True)
-    shown_lines = hidden = 0
+    shown_lines = left_out = 0
     for position, frame in enumerate(frames):
         late = limit is not None and position >= limit
         if late and (not frame.notes or shown_lines >= 2 * limit):
-            hidden += 1
+            left_out += 1
             continue
         shown_lines += 1
         table.add_row(
             str(frame.index), str(frame.level),
-            *(_cell(name, value) for name, value in _figures(frame).items()),
+            *(_cell(name, value) for name, value in _figures(frame).items()
+              if name not in hidden),
             Text("!" if frame.notes else "", style="bold yellow"))
-    if hidden:
-        table.add_row("…", f"{hidden} more")
+    if left_out:
+        table.add_row("…", f"{left_out} more")
     table.add_section()
-    table.add_row("all", "", *(str(value) for value in totals(frames).values()), style="bold")
+    table.add_row("all", "", *(str(value) for name, value in sums.items()
+                               if name not in hidden), style="bold")
     return table
 
 

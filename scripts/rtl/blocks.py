@@ -8,8 +8,9 @@ from pathlib import Path
 
 from amaranth.lib import wiring
 
+import hdl
 from hdl.config import PRESETS
-from scripts.paths import ROOT
+from scripts.paths import HDL
 
 __all__ = ["BLOCKS", "TOP", "UNITS", "VARIANTS", "Block", "find", "present"]
 
@@ -47,7 +48,7 @@ class Block:
     @property
     def source(self):
         """Path of the Amaranth file."""
-        return ROOT / "hdl" / self.unit / f"{self.stem}.py"
+        return HDL / self.unit / f"{self.stem}.py"
 
     @property
     def twin(self):
@@ -58,12 +59,12 @@ class Block:
     @property
     def component_class(self):
         """The component that the file is about: the first one of its ``__all__``."""
-        module = import_module(".".join(filter(None, ("hdl", self.unit, self.stem))))
+        module = import_module(".".join(filter(None, (hdl.__name__, self.unit, self.stem))))
         for name in module.__all__:
             value = getattr(module, name)
             if isinstance(value, type) and issubclass(value, wiring.Component):
                 return value
-        raise LookupError(f"{self.source.relative_to(ROOT)} has no public component")
+        raise LookupError(f"{self.source.relative_to(HDL.parent)} has no public component")
 
     def arguments(self, config):
         """Constructor arguments for ``config``, matched by name; others keep their defaults."""
@@ -111,7 +112,7 @@ def present():
     """Blocks that have a file: those of the list, then those it does not know, then the wholes."""
     unlisted = (
         Block(file.stem, unit) for unit in UNITS
-        for file in sorted((ROOT / "hdl" / unit).glob("[a-z]*.py"))
+        for file in sorted((HDL / unit).glob("[a-z]*.py"))
         if "(wiring.Component)" in file.read_text())
     listed = dict.fromkeys((*BLOCKS, *unlisted, *ASSEMBLIES))
     return tuple(block for block in listed if block.source.exists())

@@ -6,12 +6,10 @@ Both take frames and give what the link decoder makes of the chip's octets.
 import ctypes
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from hdl.config import PRESETS
-from hdl.paper_points import REMAP_BASE
 from model.capsule import Capsule as CapsuleModel
 from model.errors import UserError
 from model.link.framer import frame as framed
@@ -20,8 +18,7 @@ from model.paper import Paper as PaperModel
 from model.preprocessing.remap import pack_remap
 from scripts.host.decoder import Decoder
 from scripts.host.rebuild import Rebuilder
-from scripts.paths import ROOT
-from scripts.simulation.library import build, clocked_verilog, harness
+from scripts.simulation.library import build, clocked_verilog, harness, rtl_sources
 from scripts.simulation.verilator import verilator_environment
 
 __all__ = ["ModelEngine", "RTLEngine", "open_engine", "preset_of",
@@ -115,14 +112,11 @@ def _verilog(config):
 
 def _library(config):
     """Path of the shared library of the chip in ``config``; built if it is not there yet."""
-    sources = "".join(file.read_text() for file in (
-        *sorted((ROOT / "hdl").rglob("*.py")), Path(__file__)))
-
     def verilog():
         require_compiler()
         return _verilog(config)
 
-    return build("capsule", repr(config) + sources, verilog,
+    return build("capsule", repr(config) + rtl_sources(__file__), verilog,
                  harness("capsule.cpp", config.preset == "paper"))
 
 
@@ -175,6 +169,8 @@ class RTLEngine(_Engine):
                 self._handle, memory, ctypes.c_uint32(address), parts)
         self._library.capsule_swap(self._handle)
         if self.config.preset == "paper":
+            from hdl.paper_points import REMAP_BASE
+
             table = pack_remap(settings.remap).astype(np.uint32)
             self._library.capsule_write_memory(
                 self._handle, ctypes.c_uint32(REMAP_BASE), table.ctypes.data_as(ctypes.c_void_p),

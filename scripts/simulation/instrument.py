@@ -1,13 +1,11 @@
 """The Verilated instrument with an imager in front and a host behind, without VPI."""
 
 import ctypes
-from pathlib import Path
 
 import numpy as np
 
-from scripts.paths import ROOT
 from scripts.simulation.engine import require_compiler
-from scripts.simulation.library import build, clocked_verilog, harness
+from scripts.simulation.library import build, clocked_verilog, harness, rtl_sources
 
 __all__ = ["Instrument", "Line"]
 
@@ -16,11 +14,8 @@ _ROOM = 1 << 16
 
 
 def _library(config):
-    sources = "".join(file.read_text() for file in (
-        *sorted((ROOT / "hdl").rglob("*.py")), Path(__file__)))
-
     def verilog():
-        import hdl.instrument
+        from hdl.instrument import Instrument as RTLInstrument
 
         require_compiler()
         clocks = {"sync": "clk", "spot": "spot_clk"}
@@ -29,14 +24,14 @@ def _library(config):
         if paper:
             clocks["display"] = "display_clk"
         return clocked_verilog(
-            hdl.instrument.Instrument(config, clock_gated=True), "instrument", clocks,
+            RTLInstrument(config, clock_gated=True), "instrument", clocks,
             any_edge=not paper)
 
     paper = config.preset == "paper"
     text = harness("instrument.cpp", paper)
     if config.converter_latency is not None:
         text = f"#define CONVERTER_LATENCY {config.converter_latency}\n{text}"
-    return build("instrument", repr(config) + sources, verilog, text)
+    return build("instrument", repr(config) + rtl_sources(__file__), verilog, text)
 
 
 class Instrument:

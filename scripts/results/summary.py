@@ -50,8 +50,8 @@ def frames_table(frames, limit=None):
     """
     sums = totals(frames)
     hidden = () if sums["duplicate"] else ("duplicate",)
-    columns = [({"duplicate": "dup"}.get(name, name), colour) for name, colour in zip(_COUNTED, COLOURS, strict=True)
-               if name not in hidden]
+    columns = [("dup" if name == "duplicate" else name, colour)
+               for name, colour in zip(_COUNTED, COLOURS, strict=True) if name not in hidden]
     table = Table(box=box.SIMPLE_HEAD, title=f"Spots of {plural(len(frames), 'frame')}",
                   title_justify="left", padding=(0, 1), pad_edge=False)
     for name, colour in (("frame", ""), ("level", ""), ("spots", ""),

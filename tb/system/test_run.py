@@ -4,8 +4,6 @@ import csv
 import io
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -16,7 +14,6 @@ from hdl.protocol import Flag
 from scripts import demo
 from scripts.cyclope import cli
 from scripts.host.decoder import Frame
-from scripts.paths import ROOT
 from scripts.results import accuracy, frames, measure, outputs
 from scripts.results.points import POINT, STATUS
 from scripts.simulation import library as native
@@ -397,15 +394,6 @@ def test_what_the_chip_has_no_room_for_is_counted(prepared, tmp_path, capsys):
     assert some < all_of_them
     lost = len(all_of_them) - len(some)
     assert f"! frame 0: {lost} rejected spots without a row" in said
-
-
-def test_help_is_quick_and_complete():
-    done = subprocess.run(
-        [sys.executable, "-X", "importtime", "-m", "scripts.cyclope.cli", "--help"], cwd=ROOT,
-        text=True, capture_output=True)
-    assert done.returncode == 0
-    assert all(name in done.stdout for name in ("simulate", "calibrate", "run"))
-    assert "numpy" not in done.stderr and "matplotlib" not in done.stderr
 
 
 def test_demo_again_keeps_what_is_there(prepared, capsys):

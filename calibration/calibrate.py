@@ -33,7 +33,7 @@ class Options:
     depth_min, depth_max : :class:`float` or None
         Depth range in mm; that of the plane frames if None.
     remapped : :class:`bool`
-        For the preset ``paper``: find the spots in images that a table has corrected.
+        For the preset ``paper``: find the spots in images that the remap table has corrected.
     """
 
     settings: Settings = field(default_factory=Settings)
@@ -44,7 +44,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Result:
-    """A calibration and all that led to it."""
+    """A calibration and the intermediate results that led to it."""
 
     calibration: Calibration
     lens_report: LensReport
@@ -59,7 +59,7 @@ class Result:
 def _undistortion_error(lens, settings):
     """Largest distance between the chip's undistorted centres and the lens in float, in px.
 
-    Over the picture, a place every two pixels and off the grid, where the chip has an answer.
+    Over the image, one position every two pixels, off the grid, where the chip has an answer.
     """
     u = np.arange(0, lens.width - 1, 2) * 512 + 137
     v = np.arange(0, lens.height - 1, 2) * 512 + 331
@@ -72,12 +72,12 @@ def _undistortion_error(lens, settings):
 
 
 def _centre_error(table, size):
-    """Largest error of the chip's division in px, over all weights and a sample of places."""
+    """Largest error of the chip's division in px, over all weights and a sample of positions."""
     weight = np.tile(np.arange(1, 65281), 8)
-    place = np.random.default_rng(1).random(len(weight)) * (size - 1)
+    position = np.random.default_rng(1).random(len(weight)) * (size - 1)
     spots = np.zeros(len(weight), QUEUED_DTYPE)
     spots["weight"] = weight
-    spots["sum_u"] = spots["sum_v"] = np.rint(weight * place)
+    spots["sum_u"] = spots["sum_v"] = np.rint(weight * position)
     u, _ = centres(spots, table)
     return float(np.abs(u / 512 - spots["sum_u"] / weight).max())
 
@@ -95,7 +95,7 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
     ----------
     planes : sequence of :class:`calibration.identity.PlaneSpots`
         Spots of all plane frames.
-    nominal : :class:`calibration.identity.Projector`
+    nominal : :class:`calibration.projector.Projector`
         Nominal mesh.
     lens, lens_report
         From :func:`calibration.lens.calibrate_lens`.
@@ -122,7 +122,7 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
     tables = build_tables(lines, windows, nominal.columns)
     settings = replace(settings, line=tables.line, window=tables.window, depth=tables.depth)
 
-    # Mean of a normal error's size is 0.8 sigma; 1/z is met evenly over the range.
+    # The mean magnitude of a normal error is 0.8 sigma; 1/z is uniform over the range.
     depth = 1 / np.linspace(1 / z_max, 1 / z_min, 65)
     expected = 0.798 * lines.sigma_u * np.abs(lines.alpha).mean() * depth.mean()
     budget = {
@@ -163,7 +163,7 @@ def calibrate(capture, options, progress=None):
     options : :class:`Options`
         The user's choices.
     progress : callable or None
-        Called with a phase, how many of its pictures are done, and how many there are.
+        Called with a phase, the number of its images that are done, and their total.
 
     Returns
     -------

@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calibration.identity import Projector
+from calibration.projector import Projector
 from model.errors import UserError
 
 __all__ = ["Capture", "read_capture", "read_image"]
@@ -39,7 +39,7 @@ class Capture:
         Of the sensor.
     focal_px : :class:`float`
         Nominal focal length.
-    projector : :class:`calibration.identity.Projector`
+    projector : :class:`calibration.projector.Projector`
         Nominal mesh.
     board_columns, board_rows : :class:`int`
         Inner corners of the chessboard.

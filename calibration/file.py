@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.identity import Projector
 from calibration.lens import Lens
+from calibration.projector import Projector
 from calibration.remap import remap_table
 from model.errors import UserError
 from model.settings import EROSION_MODES, RADIAL_WORDS, RECIPROCAL_WORDS, Settings
@@ -62,7 +62,7 @@ class Calibration:
     ----------
     lens : :class:`calibration.lens.Lens`
         Camera and sensor size.
-    projector : :class:`calibration.identity.Projector`
+    projector : :class:`calibration.projector.Projector`
         The fitted mesh.
     beams : tuple of :class:`Beam`
         In order of their numbers.

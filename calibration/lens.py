@@ -1,4 +1,4 @@
-"""The lens: four-parameter Brown model with square pixels, learnt from chessboard photographs."""
+"""The lens: four-parameter Brown model with square pixels, fitted to chessboard photographs."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from model.errors import UserError
 
 __all__ = ["Lens", "LensReport", "calibrate_lens", "find_corners"]
 
-#: Fewer boards than this do not pin five lens parameters and the principal point down.
+#: Fewer boards than this do not determine five lens parameters and the principal point.
 MIN_VIEWS = 5
 #: A worse fit than this is not the board that was described, or not a rigid camera.
 MAX_RMS_PX = 1.5
@@ -19,14 +19,14 @@ MAX_RMS_PX = 1.5
 class Lens:
     """Pinhole camera with OpenCV's k1, k2, p1, p2 (k3 = 0) and one focal length.
 
-    Coordinates named *image* are pixels of the picture, distorted, (0, 0) being the centre of the
-    first pixel. *Undistorted* ones are pixels too, seen through the same focal length without
-    distortion, relative to the image centre ((width - 1) / 2, (height - 1) / 2).
+    *Image* coordinates are pixels of the sensor's image, distorted, (0, 0) being the centre of the
+    first pixel. *Undistorted* coordinates are pixels of the same focal length without distortion,
+    relative to the image centre ((width - 1) / 2, (height - 1) / 2).
 
     Parameters
     ----------
     width, height : :class:`int`
-        Size of the picture.
+        Size of the image.
     focal : :class:`float`
         Focal length in pixels.
     principal_u, principal_v : :class:`float`
@@ -132,7 +132,7 @@ class Lens:
         return float(np.sqrt(roots.min())) if len(roots) else float("inf")
 
     def folds(self):
-        """Whether some pixel of the picture is reached by no ray, or by several."""
+        """Whether some pixel of the image is reached by no ray, or by several."""
         u = np.linspace(-0.5, self.width - 0.5, 89)
         v = np.linspace(-0.5, self.height - 0.5, 73)
         u, v = (grid.ravel() for grid in np.meshgrid(u, v))
@@ -140,7 +140,7 @@ class Lens:
         return bool(np.isnan(x).any())
 
     def check_one_to_one(self):
-        """Raise :class:`UserError` if the model folds inside the picture."""
+        """Raise :class:`UserError` if the model folds inside the image."""
         if self.folds():
             raise UserError(
                 f"The lens model folds back inside the {self.width} x {self.height} picture "
@@ -155,7 +155,7 @@ class Lens:
 
 @dataclass(frozen=True)
 class LensReport:
-    """How the lens was found: RMS over all corners, names of the views used and left out."""
+    """How well the lens fits: RMS over all corners, names of the views used and left out."""
 
     rms_px: float
     used: tuple = ()
@@ -167,9 +167,9 @@ class LensReport:
 def find_corners(image, columns, rows):
     """Inner corners of a chessboard, or None.
 
-    The sector-based detector finds the more boards, the classical one takes those that it does not
-    see whole. The fraction of a pixel is the gradient's; on sharp pictures that is off by 0.05 px,
-    where the sector-based detector is by 0.1 to 0.25 px. On blurred ones it may be the other way.
+    The sector-based detector finds more boards; the classical one is tried where it finds none.
+    Subpixel positions come from the gradient: on sharp images their error is 0.05 px, against 0.1
+    to 0.25 px of the sector-based detector. On blurred images it may be the other way round.
 
     Returns
     -------
@@ -204,13 +204,14 @@ def _solve(board, corners, size, focal):
             "board_rows and focal_px in capture.toml.") from error
     each = []
     for points, rotation, shift in zip(corners, rotations, shifts, strict=True):
-        seen, _ = cv2.projectPoints(board, rotation, shift, matrix, coefficients)
-        each.append(float(np.sqrt(np.mean(np.sum((seen.reshape(-1, 2) - points) ** 2, axis=1)))))
+        projected, _ = cv2.projectPoints(board, rotation, shift, matrix, coefficients)
+        error = projected.reshape(-1, 2) - points
+        each.append(float(np.sqrt(np.mean(np.sum(error ** 2, axis=1)))))
     return float(rms), matrix, np.ravel(coefficients), each
 
 
 def _without_outliers(board, names, corners, size, focal):
-    """Solve, leaving out views much worse than the others; solution, names kept, names left."""
+    """Solve, leaving out views much worse than the others; solution, names kept and left out."""
     names, outliers = list(names), []
     while True:
         solution = _solve(board, corners, size, focal)
@@ -231,7 +232,7 @@ def calibrate_lens(views, columns, rows, square_mm, focal_px, progress=None):
     Parameters
     ----------
     views : iterable of (:class:`str`, 2-D ``uint8`` array)
-        Names and pictures, all of one size.
+        Names and images, all of one size.
     columns, rows : :class:`int`
         Inner corners of the board.
     square_mm : :class:`float`

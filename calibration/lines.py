@@ -1,15 +1,17 @@
 """Epipolar lines and depth laws of the beams, by robust regression over the planes.
 
-A straight beam seen by a pinhole moves along a straight line as the plane recedes, and its
-undistorted place is linear in w = 1/z: x = p + q w, y = r + s w. The centres are noisy and the
-distances are not, so x and y are regressed on w, and the chip's forms follow from the result:
+The spot of a straight beam, seen by a pinhole camera, moves along a straight line as the plane
+recedes, and its undistorted position is linear in w = 1/z: x = p + q w, y = r + s w. The centres
+are noisy and the distances are not, so x and y are regressed on w, and the chip's forms follow
+from the result:
 
     v = a u + b          a = s / q     b = r - a p
     1/z = alpha u + beta alpha = 1 / q beta = -p / q
 
 All beams leave one point, which ties the slopes to the vanishing points: q = A - C p, s = B - C r
-with A, B and C common to all beams. How far that is believed (fully, hardly, not at all) is
-measured: each plane is predicted from the others, and the best strength wins.
+with A, B and C common to all beams. How strongly the fit is tied to that (fully, a little, not at
+all) is chosen by cross-validation: each plane is predicted from the others, and the strength with
+the smallest error is used.
 """
 
 from dataclasses import dataclass, field
@@ -29,7 +31,7 @@ _STRENGTHS = (0.0, 0.3, 1.0, 3.0, 10.0, np.inf)
 
 @dataclass(frozen=True)
 class Observations:
-    """Assigned spots of all planes, one row each: beam, plane, 1/z and undistorted place."""
+    """Assigned spots of all planes, one row each: beam, plane, 1/z, undistorted position."""
 
     beams: int
     beam: np.ndarray
@@ -54,7 +56,7 @@ class Observations:
                                                (beam, plane, inverse_z, x, y)))
 
     def planes_of(self, beam):
-        """How many distances a beam was seen at."""
+        """Number of distances at which a beam was found."""
         return len(np.unique(self.plane[self.beam == beam]))
 
 
@@ -77,7 +79,7 @@ class BeamLines:
     held_out_px : :class:`dict`
         RMS error of a plane predicted from the others, for each strength of the common origin.
     strength : :class:`float`
-        The strength taken; 0 is every beam on its own, inf is one origin exactly.
+        The strength used; 0 is every beam on its own, inf is one origin exactly.
     outliers : :class:`int`
         Spots left out.
     """
@@ -102,16 +104,16 @@ class BeamLines:
 
 
 def check_planes(observations, columns):
-    """Raise :class:`UserError` unless there are four planes and every beam is in four of them."""
+    """Raise :class:`UserError` unless every beam was found in at least four planes."""
     distances = len(np.unique(observations.plane))
     if distances < MIN_PLANES:
         raise UserError(
             f"The plane frames show {distances} distance{'s' * (distances != 1)}, at least "
             f"{MIN_PLANES} different ones are needed: add frames to planes/planes.csv.")
-    seen = [observations.planes_of(beam) for beam in range(observations.beams)]
-    few = [beam for beam, count in enumerate(seen) if count < MIN_PLANES]
+    found = [observations.planes_of(beam) for beam in range(observations.beams)]
+    few = [beam for beam, count in enumerate(found) if count < MIN_PLANES]
     if few:
-        named = ", ".join(f"{beam} (row {beam // columns}, column {beam % columns}: {seen[beam]})"
+        named = ", ".join(f"{beam} (row {beam // columns}, column {beam % columns}: {found[beam]})"
                           for beam in few[:12])
         more = f" and {len(few) - 12} more" if len(few) > 12 else ""
         raise UserError(
@@ -132,7 +134,7 @@ def _common(data, weight):
         return np.bincount(data.beam, values, beams)
 
     origin = np.zeros(3)
-    p, r = (total(weight * place) / np.maximum(total(weight), 1e-12) for place in (data.x, data.y))
+    p, r = (total(weight * axis) / np.maximum(total(weight), 1e-12) for axis in (data.x, data.y))
     for step in range(12):
         A, B, C = origin
         shrink = 1 - C * w
@@ -164,9 +166,9 @@ def _common(data, weight):
 
 
 def _solve(data, weight, strength):
-    """p, q, r, s of every beam. ``strength`` weighs the common origin's slopes as prior.
+    """p, q, r, s of every beam. ``strength`` weighs the slopes of the common origin as a prior.
 
-    A strength of 1 lets a slope stray as far as the beam's own spots leave it uncertain, on
+    At a strength of 1 the prior is as wide as the uncertainty that a beam's own spots leave, on
     average over the beams; 0 is without prior, inf is the common origin exactly.
     """
     w, beams = data.inverse_z, data.beams
@@ -186,15 +188,16 @@ def _solve(data, weight, strength):
     spread = total(weight * (w - mean[data.beam]) ** 2)
     prior = strength * np.median(spread[spread > 0])
     result = []
-    for place, slope in ((data.x, q), (data.y, s)):
-        middle = total(weight * place) / one
-        joint = total(weight * (w - mean[data.beam]) * (place - middle[data.beam]))
+    for position, slope in ((data.x, q), (data.y, s)):
+        middle = total(weight * position) / one
+        joint = total(weight * (w - mean[data.beam]) * (position - middle[data.beam]))
         slope = (joint + prior * slope) / np.maximum(spread + prior, 1e-30)
         result += [middle - slope * mean, slope]
     return tuple(result)
 
 
 def _errors(data, solution):
+    """Distances of all spots from the model along x and y, px."""
     p, q, r, s = solution
     return (data.x - p[data.beam] - q[data.beam] * data.inverse_z,
             data.y - r[data.beam] - s[data.beam] * data.inverse_z)

@@ -14,9 +14,10 @@ _SLOPE_BITS = 16
 def reciprocal_table():
     """256 words of 36 bits for :func:`model.preprocessing.centre.centres`.
 
-    Word i tells C = 2**18 - 2**33 / m for the 128 shifted weights from 2**15 + 128 i on: the
+    Word i gives C = 2**18 - 2**33 / m for the 128 shifted weights from 2**15 + 128 i on: the
     value at the first one, with 3 fraction bits, in bits 16 to 35, and the slope, with 12, in
-    bits 0 to 15. The value includes what rounds C, and balances the largest errors of both signs.
+    bits 0 to 15. The value includes the half that rounds C, and balances the largest errors of
+    both signs.
     """
     words = []
     steps = np.arange(_STEPS)

@@ -12,9 +12,9 @@ __all__ = ["remap_settings", "remap_table"]
 def remap_table(lens):
     """Words of :func:`model.preprocessing.remap.remap`.
 
-    A pixel of the corrected image stands for the undistorted place that is as far from the image
-    centre; it shows the pixel of the image nearest to where the lens puts that place. What lies
-    beyond the lens model's fold shows nothing.
+    A pixel of the corrected image stands for the undistorted position with the same offset from
+    the image centre; it takes the pixel of the sensor's image nearest to where the lens projects
+    that position. Pixels beyond the lens model's fold take none.
 
     Parameters
     ----------
@@ -27,18 +27,18 @@ def remap_table(lens):
     """
     row, column = np.mgrid[:lens.height, :lens.width]
     x, y = column - lens.centre[0], row - lens.centre[1]
-    u, v = (np.floor(place + 0.5).astype(np.int64) for place in lens.distort(x, y))
+    u, v = (np.floor(axis + 0.5).astype(np.int64) for axis in lens.distort(x, y))
     radius = np.hypot(x - lens.principal_x, y - lens.principal_y) / lens.focal
-    shown = ((u >= 0) & (u < lens.width) & (v >= 0) & (v < lens.height)
+    valid = ((u >= 0) & (u < lens.width) & (v >= 0) & (v < lens.height)
              & (radius < lens.fold_radius))
-    return tuple(int(word) for word in np.where(shown, v * lens.width + u, OUTSIDE).ravel())
+    return tuple(int(word) for word in np.where(valid, v * lens.width + u, OUTSIDE).ravel())
 
 
 def remap_settings(lens):
     """What :class:`model.settings.Settings` holds where whole images are corrected.
 
     Centres in the corrected image are undistorted already: registers and radial table are those
-    of a lens without distortion, which leave every place where it is, to the last bit.
+    of a lens without distortion, which leave every position unchanged, to the last bit.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a calibration found, on the terminal."""
+"""Tables of a calibration's results, for the terminal."""
 
 import math
 
@@ -7,7 +7,7 @@ from rich.table import Table
 
 __all__ = ["beams_table", "summary_table"]
 
-#: What the chip's undistortion is meant to stay within.
+#: The largest error that the chip's undistortion is meant to have.
 _UNDISTORTION_PX = 0.01
 
 
@@ -24,7 +24,7 @@ def _names(names, limit=6):
 
 
 def summary_table(result):
-    """The figures of a :class:`calibration.calibrate.Result` that one looks at first."""
+    """The main figures of a :class:`calibration.calibrate.Result`."""
     calibration, lens, lines = result.calibration, result.lens_report, result.lines
     fitted, windows, budget = result.identity.projector, result.windows, calibration.budget
     table = _table("Calibration")
@@ -32,7 +32,7 @@ def summary_table(result):
     table.add_column("meaning", style="dim")
     left = [f"{len(lens.used)} chessboards used"]
     if lens.without_board:
-        left.append(f"no whole board in {_names(lens.without_board)}")
+        left.append(f"no complete board in {_names(lens.without_board)}")
     if lens.outliers:
         left.append(f"left out as outliers: {_names(lens.outliers)}")
     camera = calibration.lens
@@ -45,44 +45,45 @@ def summary_table(result):
     base = ", ".join(f"{part:.3f}" for part in fitted.base_mm)
     margin = result.identity.margin
     table.add_row("spots", f"{100 * result.identity.matched:.1f} %",
-                  f"of those expected in {len(result.planes)} plane frames have their beam; "
+                  f"of those expected in {len(result.planes)} plane frames were found; "
                   + ("no other numbering is possible" if math.isinf(margin) else
                      f"any other numbering leaves {margin:.0f} more unexplained"))
     table.add_row("base", f"{base} mm",
                   f"fitted; pitch {fitted.pitch_deg:.3f}, rotation {fitted.rotation_deg:.2f}, "
                   f"toe-in {fitted.toe_in_deg:.2f} degrees")
     table.add_row("lines", f"{lines.rms_px:.3f} px RMS",
-                  f"of the spots from their lines; {lines.outliers} outliers left out")
+                  f"distance of the spots from their lines; {lines.outliers} outliers left out")
     worst = int(lines.residual_v.argmax())
     table.add_row("worst beam", f"{lines.residual_v[worst]:.3f} px RMS",
-                  f"beam {worst}; fewest planes of a beam {int(lines.planes.min())}")
+                  f"beam {worst}; every beam was found in {int(lines.planes.min())} planes or more")
     table.add_row("held out", f"{budget['held_out_px']:.3f} px RMS",
-                  "along u, each plane predicted from the others"
+                  "error along u of each plane predicted from the others"
                   f" ({budget['held_out_free_px']:.3f} px with every beam on its own)")
     smallest = windows.smallest_px
     table.add_row("line separation",
-                  "none near" if math.isinf(smallest) else f"{smallest:.2f} px",
+                  "no neighbour" if math.isinf(smallest) else f"{smallest:.2f} px",
                   f"smallest where windows overlap; {windows.smallest_whole_px:.2f} px without "
                   "windows")
     table.add_row("depth range", f"{windows.z_min:.0f} to {windows.z_max:.0f} mm",
                   f"tolerance {windows.tolerance.min():.2f} to {windows.tolerance.max():.2f} px")
     table.add_row("depth error", f"{100 * budget['expected_depth_relative']:.3f} %",
-                  "mean, expected from the centres' noise over the depth range")
+                  "expected mean over the depth range, from the noise of the centres")
     table.add_section()
-    table.add_row("centre", f"{budget['centre_px']:.4f} px", "rounding, worst")
+    table.add_row("centre", f"{budget['centre_px']:.4f} px", "largest rounding error")
     within = budget["undistortion_px"] <= _UNDISTORTION_PX
     table.add_row("undistortion", f"{budget['undistortion_px']:.4f} px",
-                  "rounding, worst within the picture" if within else
-                  f"[bold red]worst within the picture, above {_UNDISTORTION_PX:g} px: the lens's "
+                  "largest rounding error within the image" if within else
+                  f"[bold red]largest within the image, above {_UNDISTORTION_PX:g} px: the lens's "
                   "tangential distortion is too strong for the chip[/bold red]")
-    table.add_row("line", f"{budget['line_px']:.4f} px", "rounding, worst within the windows")
+    table.add_row("line", f"{budget['line_px']:.4f} px",
+                  "largest rounding error within the windows")
     table.add_row("1/z", f"{budget['depth_relative']:.1e}",
-                  "relative rounding, worst within the windows")
+                  "largest relative rounding error within the windows")
     return table
 
 
 def beams_table(result):
-    """Residual of every beam along the rows, laid out as the mesh."""
+    """RMS distance of each beam's spots from its line, laid out as the mesh."""
     calibration, lines = result.calibration, result.lines
     table = _table("RMS distance of the spots from their line, 1/1000 px (planes)")
     for column in range(calibration.columns):

@@ -1,4 +1,4 @@
-"""From beams in float to the words that the chip holds, and what the rounding costs."""
+"""From beams in float to the table words of the chip, with their rounding errors."""
 
 from dataclasses import dataclass, field
 
@@ -15,11 +15,11 @@ WINDOW_PIXEL = 1 << 4               #: LSB of window limits in a pixel
 TOLERANCE_PIXEL = 1 << 5            #: LSB of tolerances in a pixel
 INVERSE_Z_ERROR = 1e-4              #: largest relative error of 1/z that rounding may make
 
-#: u-windows reach so far beyond the depth range, in distance and then in pixels.
+#: Margin of the u-windows beyond the depth range: a factor of the distance, then pixels.
 DEPTH_MARGIN = 1.10
 WINDOW_MARGIN_PX = 1.0
-#: What lies outside the depth range must not become a neighbour's point: spots are reckoned with
-#: from the nearest distance over this factor up to infinity.
+#: A spot outside the depth range must not become a neighbour's point: spots are expected from the
+#: nearest distance over this factor up to infinity.
 NEAR_GUARD = 1.5
 #: Lines must be this far apart where a neighbour's spot can be within a beam's window, in pixels
 #: and in standard deviations of a spot's distance from its line.
@@ -59,7 +59,7 @@ def separations(a, b, low, high, others_low=None, others_high=None):
 
 @dataclass(frozen=True)
 class Windows:
-    """Per beam u-window and tolerance in px, and what they rest on.
+    """Per beam u-window and tolerance in px, and what they were derived from.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Windows:
     tolerance : array of :class:`float`
         Largest vertical distance of a spot from its line.
     separation : array of :class:`float`
-        Vertical distance to the nearest line whose spots can be within this beam's window, even
+        Vertical distance to the nearest line whose spots can be within this beam's window, also
         from outside the depth range; inf if there is none.
     neighbour : array of :class:`int`
         The beam of that line, -1 if there is none.
@@ -145,7 +145,7 @@ def choose_windows(lines, columns, z_min, z_max):
 
 @dataclass(frozen=True)
 class Tables:
-    """Memory contents of the stereo unit, the unit of 1/z, and the rounding's cost.
+    """Memory contents of the stereo unit, the unit of 1/z, and the rounding errors.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ class Tables:
 
 
 def build_tables(lines, windows, columns):
-    """Quantise lines, windows and depth laws, and measure what that costs.
+    """Quantise lines, windows and depth laws, and measure the rounding errors.
 
     Every second parameter of a pair is chosen after the first has been rounded, so that the error
     is smallest over the beam's own window. Raises :class:`UserError` for beams that do not fit the

@@ -8,10 +8,10 @@ from model.stereo.undistort import ROUNDS, SEGMENTS, TANGENTIAL_BITS, radius_bit
 
 __all__ = ["GAIN_LIMIT", "build", "undistortion_settings"]
 
-#: Undistorted pixels per distorted pixel, at most: near its fold the model is a magnifying glass
-#: for the rounding of the centres.
+#: Undistorted pixels per distorted pixel, at most: near its fold the model amplifies the rounding
+#: of the centres.
 GAIN_LIMIT = 4.0
-#: Slope of the distorted radius by the undistorted one past which the table goes on straight.
+#: Slope of the distorted radius by the undistorted one beyond which the table is a straight line.
 _LEAST_SLOPE = 1 / (2 * GAIN_LIMIT)
 _SCALE = 1 << 16
 _WORD = 1 << 18
@@ -20,8 +20,8 @@ _WORD = 1 << 18
 def _radial_scale(radius, k1, k2):
     """Undistorted over distorted radius, without the tangential part, normalised radii.
 
-    By bisection on the branch from the centre; past the place where the slope gets too small the
-    radius goes on along the tangent, so that the iteration cannot run away there.
+    By bisection on the branch from the centre; beyond the radius where the slope gets too small
+    the curve continues along its tangent, so that the iteration cannot diverge there.
     """
     ends = np.linspace(0, max(6.0, 4 * radius.max()), 20001)
     slopes = 1 + ends**2 * (3 * k1 + 5 * k2 * ends**2)
@@ -43,8 +43,8 @@ def _radial_scale(radius, k1, k2):
 
 def _radial_table(focal, k1, k2, bits):
     """Words of :func:`model.stereo.undistort.undistort`: straight lines through two Chebyshev
-    nodes of each segment, which balances their errors. The chip cuts squared radii to 18 bits:
-    half of the last one is added here."""
+    nodes of each segment, which balances their errors. The chip truncates squared radii to 18 bits:
+    half an LSB is added here."""
     node = np.sqrt(0.5) / 2
     middle = np.arange(SEGMENTS) + 0.5
     ends = np.stack([middle - node, middle + node]) * 2.0**bits / SEGMENTS
@@ -52,7 +52,7 @@ def _radial_table(focal, k1, k2, bits):
     slope = (scale[1] - scale[0]) / (2 * node)
     start = scale.mean(axis=0) - slope * (0.5 - SEGMENTS / _WORD / 2)
     slope_word = np.round(-slope * _SCALE)
-    # Products with the fraction are cut: half of an LSB makes up for it.
+    # Products with the fraction are truncated: half an LSB compensates.
     start_word = np.round((slope_word != 0) / 2 - start * _SCALE)
     words = np.stack([start_word, slope_word], axis=-1)
     words = np.clip(words, -_WORD // 2, _WORD // 2 - 1).astype(int)
@@ -60,7 +60,7 @@ def _radial_table(focal, k1, k2, bits):
 
 
 def _newton(u, v, k1, k2, p1, p2):
-    """Undistorted normalised places and their gains (inf where the model has folded)."""
+    """Undistorted normalised positions and their gains (inf where the model has folded)."""
     scale = _radial_scale(np.hypot(u, v), k1, k2)
     x, y = u * scale, v * scale
     for _ in range(15):
@@ -76,7 +76,7 @@ def _newton(u, v, k1, k2, p1, p2):
         x = x - (c * error_u - b * error_v) / determinant
         y = y - (a * error_v - b * error_u) / determinant
     folded = ~(np.hypot(error_u, error_v) < 1e-9) | ~(least > 0)
-    # Past a fold the radial part rises again: there Newton's method finds the wrong branch.
+    # Beyond a fold the radial part rises again: there Newton's method finds the wrong branch.
     path = np.linspace(0, 1, 33)[:, None] * np.hypot(x, y)
     folded |= (1 + path**2 * (3 * k1 + 5 * k2 * path**2)).min(axis=0) <= 0
     return x, y, np.where(folded, np.inf, 1 / np.where(least > 0, least, 1))
@@ -102,14 +102,14 @@ def build(fx, cx, cy, k1, k2, p1, p2, width, height, rounds=ROUNDS):
     -------
     dict
         ``principal_u, principal_v, tangential_1, tangential_2, radial`` for
-        :class:`model.settings.Settings`; ``worst_error`` of the bit-true model in px, over the
-        places that are not rejected, on a grid that includes the corners; ``worst_gain``.
+        :class:`model.settings.Settings`; ``worst_error`` of the bit-true model in px, over
+        the positions that are not rejected, on a grid that includes the corners; ``worst_gain``.
 
     Raises
     ------
     ValueError
-        If the model folds inside the image, its gain passes :data:`GAIN_LIMIT` there, or a number
-        leaves its register.
+        If the model folds inside the image, its gain exceeds :data:`GAIN_LIMIT` there, or a value
+        does not fit its register.
     """
     if not fx > 0:
         raise ValueError(f"The focal length must be positive, not {fx:g} px.")

@@ -1,4 +1,4 @@
-"""``cyclope calibrate``: learn a rig from its capture folder."""
+"""``cyclope calibrate``: calibrate a rig from its capture folder."""
 
 from pathlib import Path
 
@@ -10,39 +10,40 @@ __all__ = ["add_arguments", "main"]
 def add_arguments(parser):
     """Declare what ``cyclope calibrate`` takes."""
     parser.description = (
-        "Learn a rig from a capture folder: the lens from lens/, the beams from planes/. Writes "
-        "the calibration and, beside it, a picture of what was found.")
+        "Calibrate a rig from a capture folder: the lens from lens/, the beams from planes/. "
+        "Writes the calibration and, beside it, a plot of lines and residuals.")
     parser.epilog = (
-        "The choices of threshold, erosion, centre and area go into the calibration: frames are "
-        "measured as the planes were.")
+        "Threshold, erosion, centre and area are stored in the calibration: frames are measured "
+        "with the same settings as the planes.")
     parser.add_argument("capture", type=Path, metavar="CAPTURE", help="the capture folder")
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="FILE",
                         help="calibration to write, calibration.json")
     parser.add_argument(
         "--threshold", default="adaptive", metavar="N|adaptive",
-        help="fixed grey level, 1 to 255, or learnt from the histogram (default)")
+        help="fixed grey level, 1 to 255, or set from the histogram of each frame (default)")
     parser.add_argument(
         "--alpha", type=float, metavar="X",
         help="adaptive threshold: standard deviations above the background's mean, 0 to 15.9")
     parser.add_argument(
         "--erosion", choices=("off", "erode", "gate"),
-        help="gate (default): a spot is a component that survives a 3x3 erosion; erode: as the "
-             "paper; off")
+        help="gate (default): a spot is a component that a 3x3 erosion leaves something of; "
+             "erode: the eroded mask, as in the paper; off")
     parser.add_argument(
         "--centre", choices=("weighted", "binary"),
-        help="weigh the pixels by their grey value above the threshold (default), or all alike")
+        help="weight each pixel by its grey value above the threshold (default), or all equally")
     parser.add_argument(
         "--preset", choices=("capsule", "paper"), default="capsule",
-        help="the design that will measure: capsule (default), or the paper's, which corrects "
-             "whole images by a table and takes binary centres of eroded spots")
-    parser.add_argument("--area-min", type=int, metavar="N", help="smallest spot, pixels")
-    parser.add_argument("--area-max", type=int, metavar="N", help="largest spot, pixels, up to 255")
+        help="the design that will measure: capsule (default), or paper, which undistorts whole "
+             "images with a table and uses binary centres of eroded spots")
+    parser.add_argument("--area-min", type=int, metavar="N", help="smallest spot, in pixels")
+    parser.add_argument("--area-max", type=int, metavar="N",
+                        help="largest spot, in pixels, up to 255")
     parser.add_argument("--depth-min", type=float, metavar="MM",
                         help="nearest distance to measure (default: the nearest plane)")
     parser.add_argument("--depth-max", type=float, metavar="MM",
                         help="farthest distance to measure (default: the farthest plane)")
     parser.add_argument("--no-picture", dest="picture", action="store_false",
-                        help="write the calibration only")
+                        help="do not write the plot")
 
 
 def _settings(arguments):
@@ -51,7 +52,7 @@ def _settings(arguments):
     choices = {}
     if arguments.preset == "paper":
         if arguments.centre == "weighted":
-            raise UserError("--preset paper has binary centres only: leave --centre away.")
+            raise UserError("--preset paper has binary centres only: leave out --centre.")
         choices.update(erosion="erode", weighted=False)
     if arguments.threshold != "adaptive":
         if not (arguments.threshold.isascii() and arguments.threshold.isdigit()
@@ -117,7 +118,7 @@ def main(arguments):
         result = calibrate(capture, options, step)
         picture = output.with_suffix(".png")
         if arguments.picture:
-            from calibration.pictures import write
+            from calibration.plots import write
             step("drawing", 0, None)
             write(result, picture)
         save(result.calibration, output)

@@ -12,9 +12,10 @@ import pytest
 
 from calibration import file
 from calibration.calibrate import Options, calibrate_beams, with_lens
-from calibration.identity import PlaneSpots, Projector, identify
+from calibration.identity import PlaneSpots, identify
 from calibration.lens import Lens, LensReport, calibrate_lens
 from calibration.lines import Observations, check_planes, fit_lines
+from calibration.projector import Projector
 from calibration.remap import remap_table
 from calibration.spots import find_spots
 from calibration.tables import INVERSE_Z_ERROR, build_tables, choose_windows, separations

@@ -8,8 +8,8 @@ import zlib
 import numpy as np
 
 from calibration.file import Beam, Calibration
-from calibration.identity import Projector
 from calibration.lens import Lens
+from calibration.projector import Projector
 from hdl.protocol import TABLES, Command, Mode, Reason, registers
 from model.capsule import Capsule
 from model.settings import EROSION_MODES, Settings

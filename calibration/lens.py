@@ -195,6 +195,9 @@ def find_corners(image, columns, rows):
 def _solve(board, corners, size, focal):
     matrix = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]])
     flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_FIX_K3
+    # Several threads add up in the order in which they finish: the last bits would be random.
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
     try:
         rms, matrix, coefficients, rotations, shifts = cv2.calibrateCamera(
             [board] * len(corners), corners, size, matrix, np.zeros(5), flags=flags)
@@ -202,6 +205,8 @@ def _solve(board, corners, size, focal):
         raise UserError(
             "The lens cannot be solved from these chessboard photographs: check board_columns, "
             "board_rows and focal_px in capture.toml.") from error
+    finally:
+        cv2.setNumThreads(threads)
     each = []
     for points, rotation, shift in zip(corners, rotations, shifts, strict=True):
         projected, _ = cv2.projectPoints(board, rotation, shift, matrix, coefficients)
@@ -228,6 +233,7 @@ def calibrate_lens(views, columns, rows, square_mm, focal_px, progress=None):
 
     Views without a complete board are left out and named, and so are views that fit several times
     worse than the others. Fewer than five good ones, or a poor fit, are refused.
+    The same views give the same lens to the last bit.
 
     Parameters
     ----------

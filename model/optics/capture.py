@@ -7,27 +7,27 @@ import numpy as np
 
 from model.errors import UserError
 
-from . import render, rigs, scenes
+from . import board, render, rigs, scenes
 
-#: How many photographs of the chessboard and of the flat target a capture holds.
+#: Numbers of photographs of the chessboard and of the flat target in a capture.
 PHOTOGRAPHS = 15
 PLANES = 12
 
 TRUTH_HEADER = "frame,beam,u_px,v_px,x_mm,y_mm,z_mm,inside"
 
-# Streams of random numbers of one seed: each picture has its own, so that the number of frames
-# changes nothing in the calibration's pictures.
+# Streams of random numbers of one seed: each image has its own, so that the number of frames
+# does not change the images for the calibration.
 _SCENES, _NOMINAL, _LENS, _PLANES, _FRAMES, _TEXTURES = range(6)
 
 
-def pictures(frames: int) -> int:
-    """How many pictures `write` writes."""
+def image_count(frames: int) -> int:
+    """Number of images that `write` writes."""
     return PHOTOGRAPHS + PLANES + 2 * frames
 
 
 def toml(rig: rigs.Rig, nominal: rigs.Nominal) -> str:
     """Text of ``capture.toml``."""
-    camera, projector, board = rig.camera, rig.projector, rig.board
+    camera, projector, chessboard = rig.camera, rig.projector, rig.board
     return (
         f"# Simulated rig '{rig.name}': nominal values, not quite its true ones.\n"
         "[sensor]\n"
@@ -38,8 +38,8 @@ def toml(rig: rigs.Rig, nominal: rigs.Nominal) -> str:
         f"toe_in_deg = {nominal.toe_in_deg}\n"
         f"base_mm = [{', '.join(map(str, nominal.base_mm))}]\n"
         "\n[lens]\n"
-        f"board_columns = {board.columns}\nboard_rows = {board.rows}\n"
-        f"square_mm = {board.square_mm}\n"
+        f"board_columns = {chessboard.columns}\nboard_rows = {chessboard.rows}\n"
+        f"square_mm = {chessboard.square_mm}\n"
     )
 
 
@@ -67,19 +67,19 @@ def write(
     Parameters
     ----------
     folder : path
-        Where to; whoever wants it to appear all at once renames it afterwards.
+        The folder to fill.
     kind : :class:`str`
         One of `scenes.KINDS`.
     rig : :class:`rigs.Rig`
         The true rig.
     seed : :class:`int`
-        Of everything random, 0 or more.
+        Seed of all random numbers, 0 or more.
     frames : :class:`int`
         Pattern frames to measure, each with a texture frame.
     error : :class:`float`
-        How wrong the nominal values are; 1 is the default error, 0 writes the truth.
+        Scale of the errors of the nominal values; 1 is the default, 0 writes the true ones.
     progress : callable or None
-        Called with the name of what was written after each picture.
+        Called with the name of the folder after each image.
     """
     folder = Path(folder)
 
@@ -97,7 +97,7 @@ def write(
     for name in ("lens", "planes", "frames"):
         (folder / name).mkdir()
     for number in range(PHOTOGRAPHS):
-        image, _ = render.board_photograph(rig, number, random(_LENS, number))
+        image, _ = board.photograph(rig, number, random(_LENS, number))
         save(folder / "lens" / f"{number:02}.png", image)
     rows = ["file,z_mm"]
     for number, z_mm in enumerate(rig.calibration_planes(PLANES)):

@@ -87,7 +87,7 @@ class Camera:
         return self.normalise(image) * self.focal_px + offset
 
     def inside(self, image: np.ndarray, margin_px: float = 0.0) -> np.ndarray:
-        """Which image coordinates lie at least `margin_px` within the outermost pixel centres."""
+        """Whether image coordinates lie at least `margin_px` within the outermost pixel centres."""
         u, v = image[..., 0], image[..., 1]
         return (
             (u >= margin_px) & (u <= self.width - 1 - margin_px)
@@ -116,7 +116,7 @@ class Projector:
 
     @property
     def beams(self) -> int:
-        """How many beams there are; beam = row * columns + column."""
+        """Number of beams; beam = row * columns + column."""
         return self.rows * self.columns
 
     def directions(self) -> np.ndarray:
@@ -194,8 +194,8 @@ def line_separation(
 ) -> tuple[float, float]:
     """Smallest vertical distance in pixels between two beams' lines within z_min .. z_max.
 
-    The first figure looks at columns that both beams use, widened by nothing: what u-windows can
-    tell apart does not count. The second looks at the whole mesh, as if there were no u-windows.
+    The first value is over the columns that both beams use, without margin: beams that u-windows
+    separate do not count. The second is over the whole mesh, as if there were no u-windows.
     """
     lines = beam_lines(camera, projector)
     far, near = lines.column_at(z_max), lines.column_at(z_min)

@@ -1,24 +1,24 @@
-"""A CMOS imager that makes of its pins what such an imager makes of them.
+"""A CMOS imager that responds to its control pins as a real one does.
 
-It sees everything at once: visible light always, infrared light while the laser is lit, and both
-only while it integrates. So a sequence that forgets the reset, exposes too long, or lights the
-laser at the wrong time gives a wrong picture.
+It collects visible light whenever it integrates, and infrared light while the laser is lit as
+well. A sequence that omits the reset, exposes too long, or lights the laser at the wrong time
+gives a wrong image.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from . import render
+from . import render, spots
 from .rigs import Noise
 
 __all__ = ["PATTERN_US", "TEXTURE_US", "Charge", "Imager", "Light", "light"]
 
-#: Nominal exposures, at which pictures have the brightness of `render`'s.
+#: Nominal exposures, at which images have the brightness of `render`'s.
 PATTERN_US, TEXTURE_US = 500, 10_000
 #: Levels of a pixel that collected nothing.
 DARK = 5.0
-#: Levels above dark that a pixel can collect; the converter's range ends before.
+#: Levels above dark that a pixel can collect; the converter saturates below that.
 FULL_WELL = 280.0
 
 
@@ -34,16 +34,16 @@ class Light:
 
 
 def light(rig, scene, rng) -> tuple[Light, np.ndarray]:
-    """A scene's light on a rig's sensor, and the truth of its beams (`render.TRUTH`)."""
-    spots, truth = render.pattern_levels(rig, scene)
-    return Light(render.texture_levels(rig, scene, rng) / TEXTURE_US, spots / PATTERN_US), truth
+    """A scene's light on a rig's sensor, and the truth of its beams (`spots.TRUTH`)."""
+    levels, truth = spots.pattern_levels(rig, scene)
+    return Light(render.texture_levels(rig, scene, rng) / TEXTURE_US, levels / PATTERN_US), truth
 
 
 class Charge:
-    """How long the pixels have integrated since their reset, and with the laser lit.
+    """How long the pixels have integrated since their reset, in total and with the laser lit.
 
     Events come in the order of their times, in any unit. Before the first reset the pixels hold
-    what fell on them since power was switched on: far too much.
+    all light since power-on: far too much.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Charge:
         self._level = {"reset": 0, "integrate": 0, "laser": 0}
 
     def at(self, time, **levels):
-        """It is so late; ``reset``, ``integrate`` or ``laser`` (the light) has a new level."""
+        """Advance to ``time``, when some of ``reset``, ``integrate`` and ``laser`` change."""
         if time < self.time:
             raise ValueError(f"An event at {time} cannot follow one at {self.time}")
         if self._level["reset"]:
@@ -79,17 +79,17 @@ class Imager:
     Parameters
     ----------
     light : :class:`Light`
-        What it looks at; see :meth:`look`.
+        The light on its pixels; see :meth:`look`.
     noise : :class:`.rigs.Noise` or None
         Read and shot noise; without, a pixel is rounded to the nearest level.
     seed : :class:`int`
-        Of the noise.
+        Seed of the noise.
     dark, full_well : :class:`float`
         Levels of a pixel without charge, and levels above it at which a pixel is full.
     shutter : ``"global"`` or ``"rolling"``
-        A rolling one must expose for longer than its read-out lasts, else it is refused.
+        A rolling shutter must expose for longer than its read-out takes, else it is refused.
     shortest_us, row_us : :class:`float`
-        Shortest exposure that will be asked for, and time to read a row with its blanking.
+        Shortest exposure that will be used, and the time to read a row with its blanking.
     """
 
     def __init__(self, light, noise=None, seed=0, dark=DARK, full_well=FULL_WELL,
@@ -116,7 +116,7 @@ class Imager:
         return cls(falls, rig.noise if noise is True else noise or None, [seed, 1], **choices)
 
     def look(self, light):
-        """Look at something else."""
+        """Change the light on the pixels."""
         for name in ("visible", "infrared"):
             levels = getattr(light, name)
             if levels.shape != (self.height, self.width):
@@ -128,12 +128,12 @@ class Imager:
         self.light = light
 
     def expose(self, integrated_us, lit_us):
-        """What is read of pixels that integrated for so long since their reset.
+        """The image after an integration of the given length.
 
         Parameters
         ----------
         integrated_us, lit_us : :class:`float`
-            Microseconds of integration, and those of them with the laser lit.
+            Microseconds of integration since the reset, and the part of them with the laser lit.
 
         Returns
         -------
@@ -144,7 +144,7 @@ class Imager:
         levels = self.light.visible * integrated_us + self.light.infrared * lit_us
         noise = self.noise
         if noise and noise.electrons > 0:
-            # Where the pixel is full anyway, the number of electrons does not matter.
+            # Where the pixel saturates anyway, the number of electrons does not matter.
             electrons = np.minimum(levels, 2 * self.full_well) * noise.electrons
             levels = self._random.poisson(electrons) / noise.electrons
         levels = self.dark + np.minimum(levels, self.full_well)

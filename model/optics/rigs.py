@@ -1,4 +1,4 @@
-"""Complete rigs: camera, projector, spots, noise, and the distances they are meant for.
+"""Complete rigs: camera, projector, spots, noise, and the distances they are made for.
 
 ======================= ============== =================== ==============
 rig                     ``endoscope``  ``demonstrator``    ``small``
@@ -20,7 +20,7 @@ from .geometry import Camera, Projector
 
 @dataclass(frozen=True)
 class Spots:
-    """How a beam looks on tissue.
+    """The spots of beams on tissue.
 
     A beam is Gaussian; its standard deviation grows from `waist_mm` by `divergence_mrad` with the
     distance from the projector. The lens adds a blur of `blur_px`. The light that reaches the lens
@@ -28,8 +28,8 @@ class Spots:
     exposure is set on each frame so that nine spots in ten peak at `peak` levels or less, within a
     factor of `exposure_span` up or down of the one for the middle of the range.
 
-    With `split`, every beam is cut into rays, so that spots are bent by curved surfaces and torn
-    by edges; without, each is an ellipse on the plane that touches the surface at its axis.
+    With `split`, every beam is divided into rays, so that curved surfaces bend spots and edges
+    divide them; without, each is an ellipse on the plane tangent to the surface at its axis.
     """
 
     waist_mm: float
@@ -68,7 +68,7 @@ class Board:
 
 @dataclass(frozen=True)
 class Rig:
-    """Everything that `render` and `capture` need to know."""
+    """All properties of a simulated rig."""
 
     name: str
     camera: Camera
@@ -86,12 +86,12 @@ class Rig:
 
     @property
     def scale(self) -> float:
-        """Size of this rig's scenes over those of a capsule (range 40 to 110 mm)."""
+        """Size of this rig's scenes relative to the endoscope's (range 40 to 110 mm)."""
         return self.middle_mm / (2 / (1 / 40 + 1 / 110))
 
     @property
     def reach(self) -> float:
-        """The largest tangent between the optical axis and the place of a spot."""
+        """The largest tangent between the optical axis and a spot."""
         points = np.concatenate([self.projector.points_at(z) for z in self.range_mm])
         return float((np.hypot(points[:, 0], points[:, 1]) / points[:, 2]).max())
 
@@ -103,7 +103,7 @@ class Rig:
 
 @dataclass(frozen=True)
 class Nominal:
-    """What the maker's drawing says of the rig: the head of ``capture.toml``."""
+    """Nominal values, as in the maker's drawing: those of ``capture.toml``."""
 
     focal_px: float
     pitch_deg: float
@@ -113,7 +113,7 @@ class Nominal:
 
 
 def nominal(rig: Rig, rng: np.random.Generator, error: float = 1.0) -> Nominal:
-    """Nominal values that are wrong by the default error: the rig is the truth.
+    """Nominal values that differ from the true ones, the rig's, by the default error.
 
     Focal length, pitch and base are off by up to 3 %, rotation and toe-in by up to 1 degree, the
     base's direction by up to half a degree; `error` scales all of it, 0 giving the truth.
@@ -134,7 +134,7 @@ def nominal(rig: Rig, rng: np.random.Generator, error: float = 1.0) -> Nominal:
     )
 
 
-_CAPSULE = Rig(
+_ENDOSCOPE = Rig(
     name="endoscope",
     camera=Camera(352, 288, 360.0, (177.1, 142.3), k1=-0.12, k2=0.02, p1=5e-4, p2=-4e-4),
     projector=Projector(7, 7, 6.3, 8.5, 2.5, (5.0, 0.05, 0.12), irregularity_deg=0.02),
@@ -155,7 +155,7 @@ _DEMONSTRATOR = Rig(
 )
 
 _SMALL = replace(
-    _CAPSULE,
+    _ENDOSCOPE,
     name="small",
     camera=Camera(64, 64, 80.0, (31.9, 31.2), k1=-0.12, k2=0.02, p1=5e-4, p2=-4e-4),
     projector=Projector(4, 4, 9.0, 14.25, 4.0, (5.0, 0.05, 0.12), irregularity_deg=0.05),
@@ -165,4 +165,4 @@ _SMALL = replace(
 )
 
 #: Ready rigs by name.
-RIGS = {rig.name: rig for rig in (_CAPSULE, _DEMONSTRATOR, _SMALL)}
+RIGS = {rig.name: rig for rig in (_ENDOSCOPE, _DEMONSTRATOR, _SMALL)}

@@ -1,4 +1,4 @@
-"""What the camera looks at: surfaces that rays can be cast at.
+"""Scenes: surfaces at which rays can be cast.
 
 A surface is a function `clearance(points)` (..., 3) -> (...): positive in the free space between
 camera and tissue, negative in the tissue, zero on the surface, smooth, and never steeper than
@@ -60,7 +60,7 @@ class Polyp:
     """
 
     wall: Plane
-    place_mm: tuple[float, float] = (0.0, 0.0)
+    position_mm: tuple[float, float] = (0.0, 0.0)
     head_mm: tuple[float, float, float] = (10.0, 8.0, 6.0)
     stalk_mm: float = 4.0
     stalk_radius_mm: float = 4.0
@@ -70,7 +70,7 @@ class Polyp:
     def clearance(self, points: np.ndarray) -> np.ndarray:
         """Smooth minimum of the clearances of wall, stalk and head."""
         normal = self.wall.normal
-        foot = np.array([*self.place_mm, 0.0])
+        foot = np.array([*self.position_mm, 0.0])
         foot[2] = self.wall.distance_mm - (foot @ normal) / normal[2]
         first, second, _ = _frame(tuple(normal))
         angle = np.radians(self.turn_deg)
@@ -110,7 +110,7 @@ class Tube:
     phase_deg: float = 0.0
 
     def clearance(self, points: np.ndarray) -> np.ndarray:
-        """Distance to the wall, less what a fold's slope makes of it."""
+        """Lower bound of the distance to the wall: the slope of the folds is allowed for."""
         first, second, axis = _frame(tuple(self.axis))
         offset = points - np.asarray(self.axis_point_mm, dtype=float)
         x, y, along = offset @ first, offset @ second, offset @ axis
@@ -143,9 +143,8 @@ def _smooth_maximum(one: np.ndarray, two: np.ndarray, width: float) -> np.ndarra
 def cast(scene, origin, directions: np.ndarray, longest_mm: float, step_mm: float) -> np.ndarray:
     """Distance along each ray (n, 3) to the first surface, NaN where there is none.
 
-    Every ray is sampled every `step_mm` and each first change of sign is bisected to the last
-    bits of a float64, so the error is far below 1e-6 mm; what is thinner than a step may be
-    missed.
+    Every ray is sampled every `step_mm` and the first change of sign is bisected to the last bits
+    of a float64, so the error is far below 1e-6 mm; surfaces thinner than a step may be missed.
 
     Parameters
     ----------
@@ -188,7 +187,7 @@ def normals(scene, points: np.ndarray, step_mm: float) -> np.ndarray:
 
 
 def sequence(kind: str, rig, frames: int, rng: np.random.Generator) -> list:
-    """`frames` scenes of a kind for a rig, with every beam that is seen within its range.
+    """`frames` scenes of a kind for a rig, with every visible beam within its range.
 
     Planes run through the whole range, at distances other than those of the calibration; the
     others change pose, size and place from frame to frame.
@@ -202,8 +201,8 @@ def sequence(kind: str, rig, frames: int, rng: np.random.Generator) -> list:
     for number in range(frames):
         which = KINDS[number % 4] if kind == "mixed" else kind
         step, steps = (number // 4, -(-frames // 4)) if kind == "mixed" else (number, frames)
-        # The places of the frames in 1 / z, with a little freedom, so that none is a plane of
-        # the calibration.
+        # The frames are spread in 1 / z, with a random part, so that none is a plane of the
+        # calibration.
         part = (step + rng.uniform(0.3, 0.7)) / steps
         distance = 1 / (1 / high + part * (1 / low - 1 / high))
         scenes.append(_SCENES[which](rig, distance, rng))

@@ -66,7 +66,7 @@ def main(arguments):
     bar = Progress(TextColumn("simulating {task.description}"), BarColumn(), MofNCompleteColumn(),
                    console=errors, transient=True, disable=not errors.is_terminal)
     with new_folder(arguments.output) as folder, bar:
-        task = bar.add_task("lens", total=capture.pictures(arguments.frames))
+        task = bar.add_task("lens", total=capture.image_count(arguments.frames))
         capture.write(folder, arguments.kind, rig, arguments.seed, arguments.frames,
                       progress=lambda name: bar.update(task, advance=1, description=name))
     print(f"{arguments.frames} frames of a simulated {arguments.rig} rig in {arguments.output}")

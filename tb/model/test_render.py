@@ -6,27 +6,27 @@ import cv2
 import numpy as np
 import pytest
 
-from model.optics import render, scenes
+from model.optics import board, exposure, render, scenes
 from tb.model.truth import ALL, ENDOSCOPE
 
 
 def test_noise_has_the_statistics_that_it_should():
     rng = np.random.default_rng(1)
     for level in (20.0, 100.0, 200.0):
-        frame = render.expose(ENDOSCOPE, np.full((400, 400), level), rng).astype(float)
+        frame = exposure.expose(ENDOSCOPE, np.full((400, 400), level), rng).astype(float)
         assert frame.mean() == pytest.approx(level, abs=0.05)
         assert frame.var() == pytest.approx(4 + level / 40 + 1 / 12, rel=0.03)
-    dark = render.expose(ENDOSCOPE, np.zeros((100, 100)), rng)
-    bright = render.expose(ENDOSCOPE, np.full((100, 100), 600.0), rng)
+    dark = exposure.expose(ENDOSCOPE, np.zeros((100, 100)), rng)
+    bright = exposure.expose(ENDOSCOPE, np.full((100, 100), 600.0), rng)
     assert dark.min() == 0 and dark.max() < 12 and (bright == 255).all()
     silent = replace(ENDOSCOPE, noise=replace(ENDOSCOPE.noise, read=0.0, electrons=0.0))
-    assert (render.expose(silent, np.full((4, 4), 77.4), rng) == 77).all()
+    assert (exposure.expose(silent, np.full((4, 4), 77.4), rng) == 77).all()
 
 
 def test_background_is_dim_uneven_and_darker_in_the_corners():
-    levels = render.background(ENDOSCOPE, np.random.default_rng(3))
+    levels = exposure.background(ENDOSCOPE, np.random.default_rng(3))
     assert levels.shape == (288, 352) and 8 < levels.mean() < 12 and 0.5 < levels.std() < 3
-    shade = render.vignette(ENDOSCOPE)
+    shade = exposure.vignette(ENDOSCOPE)
     assert shade.max() == pytest.approx(1, abs=1e-4)
     assert shade.min() == pytest.approx(0.65, abs=1e-6)
 
@@ -44,7 +44,7 @@ def test_pattern_frame_is_bright_where_the_truth_is():
 def test_photographs_show_the_board_where_the_pose_says(rig):
     corners, half = [], 5 if rig.camera.width > 64 else 3
     for number in range(5):
-        image, pose = render.board_photograph(rig, number, np.random.default_rng(number))
+        image, pose = board.photograph(rig, number, np.random.default_rng(number))
         found, seen = cv2.findChessboardCorners(image, (rig.board.columns, rig.board.rows))
         assert found
         seen = cv2.cornerSubPix(image, seen.reshape(-1, 1, 2), (half, half), (-1, -1), (

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from model.optics import render, rigs, scenes
+from model.optics import rigs, scenes, spots
 from model.optics.geometry import line_separation
 from tb.model.truth import ALL, uv
 
@@ -16,8 +16,8 @@ def test_rigs_keep_their_promises(rig):
     _, whole_mesh = line_separation(rig.camera, rig.projector, planes.min(), planes.max())
     assert whole_mesh > documented
     for z in planes:
-        truth, _, _ = render.spots(rig, scenes.Plane(z))
-        assert truth["seen"].all() and rig.camera.inside(uv(truth), rig.margin_px * 0.8).all()
+        truth, _, _ = spots.trace(rig, scenes.Plane(z))
+        assert truth["visible"].all() and rig.camera.inside(uv(truth), rig.margin_px * 0.8).all()
         assert (truth["sigma_minor_px"] > 1.0).all() and (truth["sigma_major_px"] < 2.0).all()
         inside = rig.range_mm[0] <= z <= rig.range_mm[1]
         assert (truth["inside"] == inside).all()

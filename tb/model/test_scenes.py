@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from model.errors import UserError
-from model.optics import capture, render, scenes
+from model.optics import capture, scenes, spots
 from model.optics.geometry import triangulate
 from tb.model.truth import ALL, ENDOSCOPE, Sphere, Union, uv, xyz
 
@@ -14,14 +14,14 @@ from tb.model.truth import ALL, ENDOSCOPE, Sphere, Union, uv, xyz
 @pytest.mark.parametrize("tilt, azimuth", [(0, 0), (20, 30), (35, 200), (-12, 77)])
 def test_truth_on_planes_is_the_closed_form(tilt, azimuth):
     plane = scenes.Plane(67.0, tilt, azimuth)
-    truth, _, _ = render.spots(ENDOSCOPE, plane)
+    truth, _, _ = spots.trace(ENDOSCOPE, plane)
     turn, _ = cv2.Rodrigues(np.radians(tilt) * np.array(
         [-np.sin(np.radians(azimuth)), np.cos(np.radians(azimuth)), 0]))
     normal = turn @ [0, 0, 1]
     base, directions = np.array(ENDOSCOPE.projector.base_mm), ENDOSCOPE.projector.directions()
     distance = (normal @ ([0, 0, 67.0] - base)) / (directions @ normal)
     np.testing.assert_allclose(xyz(truth), base + directions * distance[:, None], atol=1e-9)
-    assert truth["seen"].all()
+    assert truth["visible"].all()
     camera = ENDOSCOPE.camera
     image, _ = cv2.projectPoints(
         xyz(truth), np.zeros(3), np.zeros(3), camera.matrix, camera.coefficients)
@@ -60,7 +60,7 @@ def test_beams_end_on_the_first_surface_that_they_meet(rig, kind):
     base, directions = np.array(rig.projector.base_mm), rig.projector.directions()
     share = []
     for scene in scenes.sequence(kind, rig, 8, np.random.default_rng(5)):
-        truth, _, _ = render.spots(rig, scene)
+        truth, _, _ = spots.trace(rig, scene)
         hit = np.isfinite(truth["z_mm"])
         points = xyz(truth)[hit]
         assert np.abs(scene.clearance(points)).max() < 1e-9 * rig.scale
@@ -69,8 +69,8 @@ def test_beams_end_on_the_first_surface_that_they_meet(rig, kind):
         np.testing.assert_allclose(np.cross(points - base, directions[hit]), 0, atol=1e-6)
         # What the camera sees is met by nothing on its way either; what it does not see is.
         free = (scene.clearance(along * points) > -1e-9).all(axis=(0))
-        assert (free >= truth["seen"][hit]).all()
-        assert not truth["seen"][~hit].any() and not truth["inside"][~truth["seen"]].any()
+        assert (free >= truth["visible"][hit]).all()
+        assert not truth["visible"][~hit].any() and not truth["inside"][~truth["visible"]].any()
         share.append(truth["inside"].mean())
         z = truth["z_mm"][truth["inside"]]
         assert rig.range_mm[0] <= z.min() and z.max() <= rig.range_mm[1]
@@ -79,23 +79,23 @@ def test_beams_end_on_the_first_surface_that_they_meet(rig, kind):
 
 def test_hidden_spots_are_not_seen():
     wall = scenes.Plane(100.0)
-    clear, _, _ = render.spots(ENDOSCOPE, wall)
+    clear, _, _ = spots.trace(ENDOSCOPE, wall)
     # A small ball on the camera's line of sight to the middle spot, beside every beam.
     ball = Sphere(xyz(clear)[24] * 0.3, 0.5)
-    truth, _, light = render.spots(ENDOSCOPE, Union(wall, ball))
-    assert not truth["seen"][24] and not truth["inside"][24] and light[24] == 0
+    truth, _, light = spots.trace(ENDOSCOPE, Union(wall, ball))
+    assert not truth["visible"][24] and not truth["inside"][24] and light[24] == 0
     others = np.arange(49) != 24
-    assert truth["seen"][others].all()
+    assert truth["visible"][others].all()
     np.testing.assert_allclose(xyz(truth), xyz(clear), atol=1e-9)
 
 
 def test_beams_that_meet_nothing_have_no_position():
-    truth, _, light = render.spots(ENDOSCOPE, Sphere((0, 0, 80), 12))
+    truth, _, light = spots.trace(ENDOSCOPE, Sphere((0, 0, 80), 12))
     missed = np.isnan(truth["z_mm"])
     assert 0 < missed.sum() < 49 and not light[missed].any() and not truth["inside"][missed].any()
     rows = capture.truth_rows(3, truth)
     assert rows[np.flatnonzero(missed)[0]].endswith(",,,,,,0")
-    levels, _ = render.pattern_levels(ENDOSCOPE, Sphere((0, 0, -80), 12))
+    levels, _ = spots.pattern_levels(ENDOSCOPE, Sphere((0, 0, -80), 12))
     assert not levels.any()
 
 
@@ -103,8 +103,8 @@ def test_beams_that_meet_nothing_have_no_position():
 @pytest.mark.parametrize("kind", ["plane", "tilted", "polyp", "tube"])
 def test_triangulation_gives_the_truth_back(rig, kind):
     scene, = scenes.sequence(kind, rig, 1, np.random.default_rng(8))
-    truth, _, _ = render.spots(rig, scene)
-    truth = truth[truth["seen"]]
+    truth, _, _ = spots.trace(rig, scene)
+    truth = truth[truth["visible"]]
     points = triangulate(rig.camera, rig.projector, uv(truth), truth["beam"])
     np.testing.assert_allclose(points, xyz(truth), rtol=1e-8, atol=1e-6 * rig.scale)
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from model.optics import render, scenes
+from model.optics import scenes, spots
 from tb.model.truth import ENDOSCOPE, uv, xyz
 
 
@@ -25,7 +25,7 @@ def moments(image):
     [[2.6, 0], [0, 2.6]], [[4, 1.5], [1.5, 2]], [[0.6, -0.1], [-0.1, 0.7]], [[9, 5], [5, 4]]])
 def test_spots_are_integrated_over_the_pixels(matrix):
     matrix, centre, fine = np.array(matrix, dtype=float), np.array([30.3, 24.8]), 16
-    image = render.draw_spots((48, 60), centre[None], matrix[None], np.array([1000.0]))
+    image = spots.draw((48, 60), centre[None], matrix[None], np.array([1000.0]))
     v, u = (np.mgrid[:48 * fine, :60 * fine] + 0.5) / fine - 0.5
     offset = np.stack([u, v], axis=-1) - centre
     density = np.exp(-0.5 * np.einsum("...i,ij,...j", offset, np.linalg.inv(matrix), offset))
@@ -40,7 +40,7 @@ def test_spots_are_integrated_over_the_pixels(matrix):
 
 def test_spots_at_and_beyond_the_border_are_cut():
     centres = np.array([[0.0, 0.0], [59.0, 20.0], [-50.0, 5.0], [np.nan, np.nan]])
-    image = render.draw_spots((48, 60), centres, np.tile(np.eye(2) * 2, (4, 1, 1)),
+    image = spots.draw((48, 60), centres, np.tile(np.eye(2) * 2, (4, 1, 1)),
                               np.array([100.0, 100, 100, 0]))
     assert image.shape == (48, 60) and 75 < image.sum() < 110
 
@@ -48,7 +48,7 @@ def test_spots_at_and_beyond_the_border_are_cut():
 @pytest.mark.parametrize("kind", ["plane", "tilted", "polyp", "tube"])
 def test_centroids_without_noise_are_the_truth(kind):
     scene, = scenes.sequence(kind, ENDOSCOPE, 1, np.random.default_rng(4))
-    levels, truth = render.pattern_levels(ENDOSCOPE, scene)
+    levels, truth = spots.pattern_levels(ENDOSCOPE, scene)
     for spot in truth[truth["inside"]]:
         u, v = int(spot["u_px"] + 0.5), int(spot["v_px"] + 0.5)
         top, left = max(0, v - 9), max(0, u - 9)
@@ -65,8 +65,8 @@ SPLIT = replace(ENDOSCOPE, spots=replace(ENDOSCOPE.spots, split=True))
 @pytest.mark.parametrize("plane", [scenes.Plane(60.0), scenes.Plane(70.0, 30.0, 140.0)],
                          ids=["square", "tilted"])
 def test_split_spots_are_the_same_on_planes(plane):
-    whole, truth = render.pattern_levels(ENDOSCOPE, plane)
-    split, again = render.pattern_levels(SPLIT, plane)
+    whole, truth = spots.pattern_levels(ENDOSCOPE, plane)
+    split, again = spots.pattern_levels(SPLIT, plane)
     np.testing.assert_array_equal(truth, again)
     assert split.sum() == pytest.approx(whole.sum(), rel=1e-3)
     assert np.abs(split - whole).max() < 0.02 * whole.max()
@@ -81,7 +81,7 @@ def test_split_spots_are_the_same_on_planes(plane):
 def test_split_spots_are_torn_by_edges():
     """A beam half on a step shows two spots, each where its half of the light falls."""
     step = scenes.Plane(80.0)
-    clear, _, _ = render.spots(ENDOSCOPE, step)
+    clear, _, _ = spots.trace(ENDOSCOPE, step)
     u, v = clear["u_px"][24], clear["v_px"][24]
 
     class Step:
@@ -94,7 +94,7 @@ def test_split_spots_are_torn_by_edges():
             height = points[..., 1] - line + 0.02
             return np.minimum(80 - points[..., 2], np.maximum(50 - points[..., 2], height))
 
-    levels, truth = render.pattern_levels(SPLIT, Step())
+    levels, truth = spots.pattern_levels(SPLIT, Step())
     row = levels[int(v) - 12:int(v) + 13].sum(axis=0)
     near = ENDOSCOPE.camera.project(ENDOSCOPE.projector.points_at(50.0)[24:25])[0, 0]
     assert abs(near - u) > 8
@@ -108,7 +108,7 @@ def test_footprint_is_where_the_beam_s_edge_falls():
     """Rays one standard deviation from the axis end on the ellipse of one standard deviation."""
     rig = replace(ENDOSCOPE, spots=replace(ENDOSCOPE.spots, blur_px=0.0))
     plane = scenes.Plane(60.0, 40.0, 20.0)
-    truth, covariance, _ = render.spots(rig, plane)
+    truth, covariance, _ = spots.trace(rig, plane)
     base, directions = np.array(rig.projector.base_mm), rig.projector.directions()
     for beam in (0, 24, 45):
         distance = np.linalg.norm(xyz(truth)[beam] - base)
@@ -128,7 +128,7 @@ def test_spots_widen_and_dim_with_distance_and_slant():
     def middle(plane):
         rig = replace(ENDOSCOPE, spots=replace(
             ENDOSCOPE.spots, exposure_span=1.0, blur_px=1e-3, least_cosine=0.0))
-        truth, covariance, light = render.spots(rig, plane)
+        truth, covariance, light = spots.trace(rig, plane)
         width_mm = np.sqrt(covariance[24, 1, 1]) * truth["z_mm"][24] / rig.camera.focal_px
         return light[24], width_mm, truth[24]
     near, near_mm, _ = middle(scenes.Plane(50.0))
@@ -144,7 +144,7 @@ def test_spots_widen_and_dim_with_distance_and_slant():
 
 def test_exposure_follows_the_scene_within_its_span():
     for z in (40.0, 70.0, 110.0):
-        truth, _, _ = render.spots(ENDOSCOPE, scenes.Plane(z))
+        truth, _, _ = spots.trace(ENDOSCOPE, scenes.Plane(z))
         assert np.quantile(truth["peak"], 0.9) == pytest.approx(190, rel=1e-6)
-    truth, _, _ = render.spots(ENDOSCOPE, scenes.Plane(200.0))
+    truth, _, _ = spots.trace(ENDOSCOPE, scenes.Plane(200.0))
     assert truth["peak"].max() < 120

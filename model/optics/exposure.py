@@ -1,0 +1,37 @@
+"""From light to grey values: vignetting, background, noise, saturation and 8 bits."""
+
+import cv2
+import numpy as np
+
+from .rigs import Rig
+
+__all__ = ["background", "expose", "vignette"]
+
+def background(rig: Rig, rng: np.random.Generator) -> np.ndarray:
+    """The image of the tissue without laser: levels, float64."""
+    camera, noise = rig.camera, rig.noise
+    shape = camera.height, camera.width
+    coarse = rng.normal(size=(7, 9))
+    smooth = cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC)
+    smooth += 0.5 * cv2.resize(
+        rng.normal(size=(28, 36)), shape[::-1], interpolation=cv2.INTER_CUBIC
+    )
+    smooth /= max(smooth.std(), 1e-9)
+    return np.maximum(noise.background * vignette(rig) * (1 + noise.texture * smooth), 0)
+
+
+def vignette(rig: Rig) -> np.ndarray:
+    """Share of the light that reaches each pixel: 1 at the principal point, least in a corner."""
+    camera = rig.camera
+    u, v = camera.principal_px
+    square = (np.arange(camera.width) - u) ** 2 + (np.arange(camera.height)[:, None] - v) ** 2
+    return 1 - rig.noise.vignetting * square / square.max()
+
+
+def expose(rig: Rig, levels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Shot noise, read noise, saturation and 8 bits."""
+    noise = rig.noise
+    if noise.electrons > 0:
+        levels = rng.poisson(np.maximum(levels, 0) * noise.electrons) / noise.electrons
+    levels = levels + rng.normal(scale=noise.read, size=levels.shape) if noise.read else levels
+    return np.clip(np.rint(levels), 0, 255).astype(np.uint8)

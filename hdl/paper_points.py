@@ -67,7 +67,7 @@ class PaperPoints(wiring.Component):
     counts : :py:`Out(stream.Signature(Counts))`
         One for each frame. Those that labelling had to drop are among ``spots`` and ``dropped``.
     number : :py:`Out(16)`
-        Number of the frame whose points are coming, end mark included.
+        Number of the frame whose points are coming, end marker included.
     frames : :py:`Out(stream.Signature(FrameInfo))`
         What is known of a frame, with its own level.
     corrected, corrected_info : :py:`Out(stream.Signature(GreyPixel, always_ready=True))`, \
@@ -139,7 +139,7 @@ class PaperPoints(wiring.Component):
             threshold.done.eq(threshold.known),
             threshold.lost.eq(histogram.lost),
             threshold.count.eq(histogram.count),
-            threshold.alpha.eq(self.threshold_alpha),
+            threshold.threshold_alpha.eq(self.threshold_alpha),
             threshold.fixed.eq(self.threshold_fixed),
             threshold.fixed_level.eq(self.threshold_level),
         ]
@@ -147,7 +147,7 @@ class PaperPoints(wiring.Component):
         # A frame is announced when its level is known, or when it has turned out to be broken.
         # Only then it is read again.
         under_way = Signal(range(FRAMES_IN_FLIGHT + 1))
-        waiting, learnt = Signal(), Signal()
+        waiting, threshold_valid = Signal(), Signal()
         known_of_it = Signal(FrameInfo)
         announced = Signal(FrameInfo)
         level = Signal(8)
@@ -155,7 +155,7 @@ class PaperPoints(wiring.Component):
         m.d.comb += [
             self.info.ready.eq(bank.free & histogram.clean & frame_info.w_rdy
                                & (under_way < FRAMES_IN_FLIGHT)),
-            announces.eq(waiting & bank.stored.valid & (bank.stored.p | learnt)),
+            announces.eq(waiting & bank.stored.valid & (bank.stored.p | threshold_valid)),
             announced.eq(known_of_it),
             announced.level.eq(threshold.level),
             announced.learning.eq(0),
@@ -163,11 +163,11 @@ class PaperPoints(wiring.Component):
             frame_info.w_data.eq(announced),
         ]
         with m.If(self.info.valid & self.info.ready):
-            m.d.sync += [waiting.eq(1), learnt.eq(0), known_of_it.eq(self.info.p)]
+            m.d.sync += [waiting.eq(1), threshold_valid.eq(0), known_of_it.eq(self.info.p)]
         with m.If(announces):
             m.d.sync += [waiting.eq(0), level.eq(threshold.level)]
         with m.If(threshold.known):
-            m.d.sync += learnt.eq(1)
+            m.d.sync += threshold_valid.eq(1)
         connect(m, frame_info.r_stream, flipped(self.frames))
 
         # Second reading, through the remap table.
@@ -201,7 +201,7 @@ class PaperPoints(wiring.Component):
         m.submodules.reconstruction = reconstruction = spot_side(Reconstruction(config))
         inside, kept_level = Signal(), Signal(8)
         with m.If(remap.o.valid & remap.o.ready):
-            m.d.sync += inside.eq(~remap.o.p.mark.frame_end)
+            m.d.sync += inside.eq(~remap.o.p.marker.frame_end)
         with m.If(~inside):
             m.d.sync += kept_level.eq(level)
         connect(m, remap.o, binarise.i)
@@ -236,7 +236,7 @@ class PaperPoints(wiring.Component):
                 self.counts.p[name].eq(total[:16] | total[16].replicate(16)),
             ]
 
-        # A frame is under way from its first pixel until its end mark has left as a point.
+        # A frame is under way from its first pixel until its end marker has left as a point.
         m.submodules.numbers = numbers = spot_side(SyncFIFO(width=16, depth=FRAMES_IN_FLIGHT))
         begins, ends = Signal(), Signal()
         m.d.comb += [

@@ -9,10 +9,10 @@ from amaranth.hdl import signed, unsigned
 from amaranth.lib import data, enum
 
 __all__ = [
-    "FRACTION_BITS", "COORDINATE_BITS", "AREA_LIMIT", "Mark", "GreyPixel", "MaskPixel", "Spot",
+    "FRACTION_BITS", "COORDINATE_BITS", "AREA_LIMIT", "Marker", "GreyPixel", "MaskPixel", "Spot",
     "QueuedSpot", "Counts", "Centre", "Undistorted", "Status", "Match", "Point", "FrameInfo",
     "FrameTag", "PacketOctet", "MemoryCommand",
-    "StoredFrame", "SpotMark",
+    "StoredFrame", "OverlaySpot",
 ]
 
 #: Bits behind the binary point of a coordinate in pixels.
@@ -26,7 +26,7 @@ _WEIGHT_BITS = 16  # 255 pixels of weight 256
 _SUM_BITS = 25  # 65,280 times a row or column below 512
 
 
-class Mark(data.Struct):
+class Marker(data.Struct):
     """Where a pixel stands in its frame.
 
     ``frame_end`` comes with ``line_end``. ``broken`` comes with both, on a beat without a pixel:
@@ -42,7 +42,7 @@ class GreyPixel(data.Struct):
     """A pixel of the imager."""
 
     grey: 8
-    mark: Mark
+    marker: Marker
 
 
 class MaskPixel(data.Struct):
@@ -55,7 +55,7 @@ class MaskPixel(data.Struct):
     lit: 1
     core: 1
     excess: 8
-    mark: Mark
+    marker: Marker
 
 
 class Spot(data.Struct):
@@ -202,8 +202,8 @@ class StoredFrame(data.Struct):
     texture: 1
 
 
-class SpotMark(data.Struct):
-    """A spot to be marked in the picture, or (``end``) the end of a frame's spots."""
+class OverlaySpot(data.Struct):
+    """A spot to be drawn over the picture, or (``end``) the end of a frame's spots."""
 
     end: 1
     ok: 1

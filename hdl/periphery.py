@@ -73,13 +73,13 @@ class Periphery(wiring.Component):
         Those of ``registers``, see ``hdl/protocol.py``.
     o, info : :py:`Out(stream.Signature(GreyPixel))`, :py:`Out(stream.Signature(FrameInfo))`
         Pattern frames, see :class:`.acquisition.frame_gate.FrameGate`.
-    level, learnt : :py:`In(8)`, :py:`In(1)`
+    level, threshold_valid : :py:`In(8)`, :py:`In(1)`
         The threshold, for ``info``; whether there is one.
     i, counts, frames : :py:`In(stream.Signature(Point))`, :py:`In(stream.Signature(Counts))`, \
     :py:`In(stream.Signature(FrameInfo))`
         What is told of pattern frames: points, and counts and announcement of each frame.
     sent : :py:`Out(stream.Signature(Point, always_ready=True))`
-        Points and end marks that the point limiter lets through, as they pass to the link.
+        Points and end markers that the point limiter lets through, as they pass to the link.
     moves : :py:`In(1)`
         Something moves on the spot side.
 
@@ -102,7 +102,7 @@ class Periphery(wiring.Component):
             "o": Out(stream.Signature(GreyPixel)),
             "info": Out(stream.Signature(FrameInfo)),
             "level": In(8),
-            "learnt": In(1),
+            "threshold_valid": In(1),
             "i": In(stream.Signature(Point)),
             "counts": In(stream.Signature(Counts)),
             "frames": In(stream.Signature(FrameInfo)),
@@ -131,7 +131,7 @@ class Periphery(wiring.Component):
             m.submodules.camera = camera = AddressedCamera(
                 **size, latency=config.converter_latency, interval=config.converter_interval)
             m.d.comb += self.frame_sending.eq(camera.sending)
-            with m.If(camera.o.valid & camera.o.ready & camera.o.p.mark.broken & ~bad_sync.all()):
+            with m.If(camera.o.valid & camera.o.ready & camera.o.p.marker.broken & ~bad_sync.all()):
                 m.d.sync += bad_sync.eq(bad_sync + 1)
         connect_ports(m, camera_pins(config), self, camera)
         m.submodules.frame_gate = gate = FrameGate()
@@ -140,7 +140,7 @@ class Periphery(wiring.Component):
         connect(m, gate.info, flipped(self.info))
         m.d.comb += [
             *(getattr(gate, name).eq(getattr(self, name))
-              for name in ("tag", "tripped", "tables_valid", "level", "learnt")),
+              for name in ("tag", "tripped", "tables_valid", "level", "threshold_valid")),
         ]
 
         # Points to packets.
@@ -197,13 +197,13 @@ class Periphery(wiring.Component):
         # For the sequencer and for the host.
         inside = Signal()
         beat = camera.o.valid & camera.o.ready
-        mark = camera.o.p.mark
+        marker = camera.o.p.marker
         with m.If(beat):
-            m.d.sync += inside.eq(~mark.frame_end)
+            m.d.sync += inside.eq(~marker.frame_end)
         m.d.comb += [
-            self.frame_begun.eq(beat & ~inside & ~mark.broken),
-            self.frame_ended.eq(beat & mark.frame_end & ~mark.broken),
-            self.frame_broken.eq(beat & mark.broken),
+            self.frame_begun.eq(beat & ~inside & ~marker.broken),
+            self.frame_ended.eq(beat & marker.frame_end & ~marker.broken),
+            self.frame_broken.eq(beat & marker.broken),
             self.bad_sync.eq(bad_sync),
             self.overrun.eq(overrun),
             self.skipped.eq(gate.lost),

@@ -299,5 +299,5 @@ STATUS_FIELDS = (
 SCREEN_FAULTS = (
     "frame",  # a frame lost its end, for the memory was too slow
     "row",  # a row came from the store too late
-    "mark",  # a spot found no room among the marks
+    "overlay",  # a frame had more spots than the overlay draws
 )

@@ -41,11 +41,11 @@ class Reconstruction(wiring.Component):
     Members
     -------
     i : :py:`In(stream.Signature(Spot))`
-        Spots and end marks; always ready.
+        Spots and end markers; always ready.
     o : :py:`Out(stream.Signature(Point))`
-        Points and end marks.
+        Points and end markers.
     counts : :py:`Out(stream.Signature(Counts))`
-        One for each frame, there before the frame's end mark is.
+        One for each frame, there before the frame's end marker is.
     moves : :py:`Out(1)`
         A spot goes from one stage to the next, or waits to. No stage keeps one to itself for
         longer than :data:`hdl.periphery.LINGER` clocks.

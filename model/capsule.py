@@ -8,7 +8,7 @@ from model.preprocessing.binarise import binarise
 from model.preprocessing.erosion import erode
 from model.preprocessing.histogram import histogram
 from model.preprocessing.labelling import label
-from model.preprocessing.spot_queue import screen
+from model.preprocessing.spot_queue import filter_spots
 from model.preprocessing.threshold import threshold
 from model.reconstruction import reconstruct
 
@@ -81,7 +81,7 @@ class Capsule:
         settings = self.settings
         lit, excess = binarise(image, level)
         lit, core = erode(lit, settings.erosion)
-        spots, counts = screen(label(lit, core, excess, settings.weighted), settings)
+        spots, counts = filter_spots(label(lit, core, excess, settings.weighted), settings)
         points = reconstruct(spots, settings, self.width, self.height)
         points, dropped = limit_points(points, self.points_max)
         return PatternFrame(points=points, number=self.number, level=level, dropped=dropped,

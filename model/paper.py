@@ -7,7 +7,7 @@ from model.preprocessing.binarise import binarise
 from model.preprocessing.erosion import erode
 from model.preprocessing.histogram import histogram
 from model.preprocessing.remap import remap
-from model.preprocessing.spot_queue import screen
+from model.preprocessing.spot_queue import filter_spots
 from model.preprocessing.threshold import threshold
 from model.preprocessing.two_pass_labelling import label_in_two_passes
 from model.reconstruction import reconstruct
@@ -36,8 +36,8 @@ def corrected_spots(image, settings, labels=LABELS):
     Returns
     -------
     level, spots, counts
-        The latter two from :func:`model.preprocessing.spot_queue.screen`; components that found no
-        label are among ``spots`` and ``dropped``.
+        The latter two from :func:`model.preprocessing.spot_queue.filter_spots`; components that
+        found no label are among ``spots`` and ``dropped``.
     """
     level = settings.level_fixed
     if level is None:
@@ -45,7 +45,7 @@ def corrected_spots(image, settings, labels=LABELS):
     lit, _ = binarise(remap(image, settings.remap), level)
     lit, core = erode(lit, settings.erosion)
     found, unlabelled = label_in_two_passes(lit, core, labels)
-    spots, counts = screen(found, settings)
+    spots, counts = filter_spots(found, settings)
     for name in ("spots", "dropped"):
         counts[name] = min(counts[name] + unlabelled, _COUNT_LIMIT)
     return level, spots, counts

@@ -17,7 +17,7 @@ def reconstruct(spots, settings, width, height):
     Parameters
     ----------
     spots : structured array
-        As :func:`model.preprocessing.spot_queue.screen` gives them.
+        As :func:`model.preprocessing.spot_queue.filter_spots` gives them.
     settings : :class:`model.settings.Settings`
         Registers and tables.
     width, height : :class:`int`

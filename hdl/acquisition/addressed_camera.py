@@ -121,9 +121,9 @@ class AddressedCamera(wiring.Component):
         pixel = Signal(GreyPixel)
         m.d.comb += [
             pixel.grey.eq(Mux(broken, _ABORTED, self.data)),
-            pixel.mark.line_end.eq(ends_line),
-            pixel.mark.frame_end.eq(ends_frame),
-            pixel.mark.broken.eq(broken),
+            pixel.marker.line_end.eq(ends_line),
+            pixel.marker.frame_end.eq(ends_frame),
+            pixel.marker.broken.eq(broken),
             queue.w_en.eq(valid),
             queue.w_data.eq(pixel),
             self.o.valid.eq(queue.r_rdy),

@@ -100,9 +100,9 @@ class Camera(wiring.Component):
             overrun.eq(takes & (waiting | ~queue.w_rdy) | out_of_sync & ~queue.w_rdy),
             breaks.eq(out_of_sync | waiting),
             word.grey.eq(grey),
-            word.mark.line_end.eq(line_end | breaks),
-            word.mark.frame_end.eq(frame_end | breaks),
-            word.mark.broken.eq(breaks),
+            word.marker.line_end.eq(line_end | breaks),
+            word.marker.frame_end.eq(frame_end | breaks),
+            word.marker.broken.eq(breaks),
             queue.w_data.eq(word),
             queue.w_en.eq(takes | breaks),
         ]
@@ -134,7 +134,7 @@ class Camera(wiring.Component):
             self.o.payload.eq(queue.r_data),
             queue.r_en.eq(self.o.ready),
         ]
-        with m.If(self.o.valid & self.o.ready & self.o.p.mark.broken):
+        with m.If(self.o.valid & self.o.ready & self.o.p.marker.broken):
             for bit, counter in enumerate((self.bad_sync, self.overrun)):
                 m.d.sync += counter.eq(counter + (self.o.p.grey[bit] & ~counter.all()))
 

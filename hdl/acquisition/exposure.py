@@ -45,7 +45,7 @@ class Exposure(wiring.Component):
         The read-out begins.
     laser_request : :py:`Out(1)`
         High with ``sensor_integrate``, if asked for.
-    taken_us : :py:`Out(16)`
+    latched_us : :py:`Out(16)`
         ``exposure_us`` of the exposure that was started last.
     integrated : :py:`Out(1)`
         High in the clock after the integration's last.
@@ -69,7 +69,7 @@ class Exposure(wiring.Component):
             "sensor_integrate": Out(1),
             "sensor_read": Out(1),
             "laser_request": Out(1),
-            "taken_us": Out(16),
+            "latched_us": Out(16),
             "integrated": Out(1),
             "done": Out(1),
             "busy": Out(1),
@@ -97,14 +97,14 @@ class Exposure(wiring.Component):
                 prescaler.eq(self.clocks - 1),
             ]
             with m.If(self.start):
-                m.d.sync += self.taken_us.eq(self.exposure_us | ~self.exposure_us.any())
+                m.d.sync += self.latched_us.eq(self.exposure_us | ~self.exposure_us.any())
         with m.Else():
             m.d.sync += prescaler.eq(prescaler - 1)
             with m.If(prescaler == 0):
                 m.d.sync += [prescaler.eq(self.clocks - 1), remaining.eq(remaining - 1)]
             with m.If(over):
                 m.d.sync += [
-                    remaining.eq(Mux(self.sensor_reset, self.taken_us, 1)),
+                    remaining.eq(Mux(self.sensor_reset, self.latched_us, 1)),
                     self.sensor_reset.eq(0),
                     self.sensor_integrate.eq(self.sensor_reset),
                     self.laser_request.eq(self.sensor_reset & laser),

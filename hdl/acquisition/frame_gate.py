@@ -33,7 +33,7 @@ class FrameGate(wiring.Component):
         The same two for texture frames.
     level : :py:`In(8)`
         Threshold, for the announcement.
-    learnt : :py:`In(1)`
+    threshold_valid : :py:`In(1)`
         Low if no threshold is known yet.
     tag : :py:`In(FrameTag)`
         How the frame was exposed; heard with its first pixel.
@@ -53,7 +53,7 @@ class FrameGate(wiring.Component):
             "texture": Out(stream.Signature(GreyPixel)),
             "texture_info": Out(stream.Signature(FrameInfo)),
             "level": In(8),
-            "learnt": In(1),
+            "threshold_valid": In(1),
             "tag": In(FrameTag),
             "tripped": In(1),
             "tables_valid": In(1),
@@ -69,14 +69,14 @@ class FrameGate(wiring.Component):
         number = Signal(16)
         skipped = Signal(8)
 
-        mark = self.i.p.mark
+        marker = self.i.p.marker
         is_texture = Signal()
         begins = Signal()
         passes = Signal()
         ready = Signal()
         m.d.comb += [
             is_texture.eq(Mux(inside, was_texture, self.tag.texture)),
-            begins.eq(~inside & ~mark.broken),
+            begins.eq(~inside & ~marker.broken),
             passes.eq(Mux(inside, passing, begins & Mux(
                 is_texture, self.texture_info.ready, self.info.ready))),
             ready.eq(Mux(is_texture, self.texture.ready, self.o.ready)),
@@ -90,7 +90,7 @@ class FrameGate(wiring.Component):
                 info.valid.eq(self.i.valid & begins & pixels.ready & mine),
                 info.p.number.eq(number),
                 info.p.level.eq(self.level),
-                info.p.learning.eq(~self.learnt),
+                info.p.learning.eq(~self.threshold_valid),
                 info.p.skipped.eq(skipped),
                 info.p.tag.eq(self.tag),
                 info.p.tripped.eq(self.tripped),
@@ -98,7 +98,7 @@ class FrameGate(wiring.Component):
             ]
         with m.If(self.i.valid & self.i.ready):
             m.d.sync += [
-                inside.eq(~mark.frame_end), passing.eq(passes), was_texture.eq(is_texture)]
+                inside.eq(~marker.frame_end), passing.eq(passes), was_texture.eq(is_texture)]
             with m.If(begins):
                 m.d.sync += number.eq(number + 1)
                 with m.If(passes):

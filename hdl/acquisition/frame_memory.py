@@ -80,12 +80,12 @@ class FrameMemory(wiring.Component):
         writes = Signal()
         ends = Signal()
         whole = Signal()
-        mark = self.i.p.mark
+        marker = self.i.p.marker
         m.d.comb += [
-            first.eq(self.i.valid & ~inside & ~mark.broken),
+            first.eq(self.i.valid & ~inside & ~marker.broken),
             writes.eq(self.i.valid & Mux(inside, taking, banks.free)),
-            ends.eq(self.i.valid & mark.frame_end),
-            whole.eq(~mark.broken & ~too_long & (place == pixels - 1)),
+            ends.eq(self.i.valid & marker.frame_end),
+            whole.eq(~marker.broken & ~too_long & (place == pixels - 1)),
             banks.opens.eq(first),
             banks.info.eq(info),
             banks.closes.eq(ends & writes & whole),

@@ -65,10 +65,10 @@ class ImageBank(wiring.Component):
             m.d.sync += [self.stored.valid.eq(0), self.free.eq(1)]
         with m.If(self.i.valid):
             m.d.sync += [place.eq(place + 1), self.free.eq(0)]
-            with m.If(self.i.p.mark.frame_end):
+            with m.If(self.i.p.marker.frame_end):
                 m.d.sync += [
                     place.eq(0), self.stored.valid.eq(1),
-                    self.stored.payload.eq(self.i.p.mark.broken),
+                    self.stored.payload.eq(self.i.p.marker.broken),
                 ]
 
         page_bits = (_PAGE - 1).bit_length()

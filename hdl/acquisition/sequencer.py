@@ -262,7 +262,7 @@ class Sequencer(wiring.Component):
                 self.tag.texture.eq(texture | picture),
                 self.tag.laser.eq(lit | self.lit),
                 self.tag.capture.eq(capture),
-                self.tag.exposure_us.eq(exposure.taken_us),
+                self.tag.exposure_us.eq(exposure.latched_us),
                 self.tag.timestamp_us.eq(timestamp),
             ]
         return m

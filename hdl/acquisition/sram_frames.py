@@ -146,14 +146,14 @@ class SRAMFrames(wiring.Component):
         no_room = Signal()
         fails = Signal()
         whole = Signal()
-        mark = self.i.p.mark
+        marker = self.i.p.marker
         entry = Signal(_Entry)
         m.d.comb += [
-            first.eq(self.i.valid & ~inside & ~mark.broken),
-            full.eq(self.i.valid & ~mark.broken & ((lane == 3) | mark.line_end)),
+            first.eq(self.i.valid & ~inside & ~marker.broken),
+            full.eq(self.i.valid & ~marker.broken & ((lane == 3) | marker.line_end)),
             no_room.eq((first | (full & ~lost)) & ~queue.w_rdy),
             fails.eq(no_room | full & (first | (words == self.bank_words))),
-            whole.eq(~mark.broken & ~fails & ~lost & (words == self.bank_words - 1)),
+            whole.eq(~marker.broken & ~fails & ~lost & (words == self.bank_words - 1)),
             queue.w_en.eq(first | (full & ~lost & ~fails)),
             queue.w_data.eq(entry),
         ]
@@ -162,7 +162,7 @@ class SRAMFrames(wiring.Component):
         with m.If(first):
             m.d.comb += [entry.kind.eq(_Kind.HEADER), entry.word.eq(self.info)]
         with m.Else():
-            m.d.comb += entry.kind.eq(Mux(mark.frame_end & whole, _Kind.LAST, _Kind.WORD))
+            m.d.comb += entry.kind.eq(Mux(marker.frame_end & whole, _Kind.LAST, _Kind.WORD))
             with m.Switch(lane):
                 for number in range(4):
                     with m.Case(number):
@@ -173,10 +173,10 @@ class SRAMFrames(wiring.Component):
                     with m.Case(number):
                         m.d.sync += pixels[8 * number:8 * number + 8].eq(self.i.p.grey)
             m.d.sync += [inside.eq(1), lost.eq(lost | fails),
-                         lane.eq(Mux(mark.line_end, 0, lane + 1))]
+                         lane.eq(Mux(marker.line_end, 0, lane + 1))]
             with m.If(full & ~fails & ~lost):
                 m.d.sync += words.eq(words + 1)
-            with m.If(mark.frame_end):
+            with m.If(marker.frame_end):
                 m.d.sync += [inside.eq(0), lost.eq(0), words.eq(0)]
                 with m.If((inside | first) & ~whole):
                     m.d.sync += self.broken.eq(self.broken + ~self.broken.all())

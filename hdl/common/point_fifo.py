@@ -23,7 +23,7 @@ class PointFIFO(wiring.Component):
     Members
     -------
     i : :py:`In(stream.Signature(Point))`
-        Points and end marks.
+        Points and end markers.
     o : :py:`Out(stream.Signature(Point))`
         The same, in the same order.
     """

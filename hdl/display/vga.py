@@ -4,8 +4,8 @@ from amaranth import *
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from ..payloads import SpotMark, StoredFrame
-from .marks import MarkColour, Marks
+from ..payloads import OverlaySpot, StoredFrame
+from .overlay import Overlay, OverlayColour
 
 __all__ = ["COLUMNS", "ROWS", "VGA"]
 
@@ -22,13 +22,13 @@ _ADDRESS, _STORE, _PINS = 1, 2, 1
 class VGA(wiring.Component):
     """Shows frames on a screen of 640 x 480, 60 times a second at 25.175 MHz.
 
-    All of it works in the domain ``display`` but for the marks, which come in ``sync``. The picture
-    is as large as a whole factor lets it be, in the middle of a black border. A frame is asked for
-    once in each vertical blanking, when the last line has been shown; if none has come by the line
-    before the picture, the screen stays black. So no picture is ever made of two frames. The spots
-    of the frame are marked, green where they are ok and red otherwise, as :class:`.Marks` tells; so
-    are they in the texture frame that has the number after. Until that frame's list has ended, its
-    picture has no marks.
+    Everything works in the domain ``display`` except the spots of the overlay, which arrive in
+    ``sync``. The picture is enlarged by the largest whole factor that fits, and centred on a black
+    border. A new frame is requested once in each vertical blanking, after the last line has been
+    shown; if none has arrived by the line before the picture, the display stays black. So no
+    picture is ever made of two frames. The frame's spots are drawn over it, green where they are
+    ok and red otherwise, see :class:`.Overlay`; they are drawn over the texture frame with the next
+    number too. Until that frame's list has ended, its picture has no overlay.
 
     Both sync pulses are low, as the VESA timing has them: 16, 96 and 48 clocks of front porch,
     sync and back porch, and 10, 2 and 33 lines, counted from the leading edge of the horizontal
@@ -43,11 +43,11 @@ class VGA(wiring.Component):
 
     Members
     -------
-    marks : :py:`In(stream.Signature(SpotMark, always_ready=True))`
-        Spots of a frame, then a mark that has ``end`` (``sync``).
-    marks_number : :py:`In(16)`
+    overlay : :py:`In(stream.Signature(OverlaySpot, always_ready=True))`
+        Spots of a frame, then an end marker (``sync``).
+    overlay_number : :py:`In(16)`
         Number of that frame, heard with the ``end``.
-    unmarked : :py:`Out(8)`
+    undrawn : :py:`Out(8)`
         Spots beyond the 128th of their frame. It stops at 255.
     acquire : :py:`Out(1)`
         Asks the store for the newest frame, for a clock; what was held before is not read any more.
@@ -86,9 +86,9 @@ class VGA(wiring.Component):
         self.width, self.height, self.colour_bits = width, height, colour_bits
         self.scale = min(COLUMNS // width, ROWS // height)
         super().__init__({
-            "marks": In(stream.Signature(SpotMark, always_ready=True)),
-            "marks_number": In(16),
-            "unmarked": Out(8),
+            "overlay": In(stream.Signature(OverlaySpot, always_ready=True)),
+            "overlay_number": In(16),
+            "undrawn": Out(8),
             "acquire": Out(1),
             "held": In(1),
             "frame": In(StoredFrame),
@@ -167,27 +167,27 @@ class VGA(wiring.Component):
             self.turn.eq((x == 0) & rows & (row_repeat == 0)),
             self.row.eq(row), self.column.eq(column), self.address.eq(row_address + column)]
 
-        # Frames and their marks change in the blanking only. What came by the line before the
+        # Frames and their overlays change in the blanking only. What came by the line before the
         # picture is shown in all of it.
-        m.submodules.marks = marks = Marks(width, height)
+        m.submodules.overlay = overlay = Overlay(width, height)
         showing = Signal()
         m.d.display += self.acquire.eq((y == ROWS) & (x == 0))
         with m.If((x == 0) & first_row_next):
             m.d.display += [
                 showing.eq(self.held),
-                marks.enable.eq(marks.held & (
-                    marks.list_number == (self.frame.number - self.frame.texture)[:16])),
+                overlay.enable.eq(overlay.held & (
+                    overlay.list_number == (self.frame.number - self.frame.texture)[:16])),
             ]
         m.d.comb += [
-            Value.cast(marks.i.p).eq(Value.cast(self.marks.p)),
-            marks.i.valid.eq(self.marks.valid),
-            marks.number.eq(self.marks_number),
-            self.unmarked.eq(marks.unmarked),
-            marks.acquire.eq(self.acquire),
-            marks.prepare.eq(self.fetch),
-            marks.prepare_row.eq(self.fetch_row),
-            marks.odd.eq(self.row[0]),
-            marks.column.eq(self.column),
+            Value.cast(overlay.i.p).eq(Value.cast(self.overlay.p)),
+            overlay.i.valid.eq(self.overlay.valid),
+            overlay.number.eq(self.overlay_number),
+            self.undrawn.eq(overlay.undrawn),
+            overlay.acquire.eq(self.acquire),
+            overlay.prepare.eq(self.fetch),
+            overlay.prepare_row.eq(self.fetch_row),
+            overlay.odd.eq(self.row[0]),
+            overlay.column.eq(self.column),
         ]
 
         # What belongs to a pixel waits for it. The vertical pulse begins and ends with a horizontal
@@ -213,10 +213,10 @@ class VGA(wiring.Component):
             Cat(self.visible, self.hsync, self.vsync).eq(flags[1:]),
             *(pin.eq(Mux(flags[0], grey, 0)) for pin in (self.red, self.green, self.blue)),
         ]
-        with m.If(flags[0] & (marks.colour != MarkColour.NONE)):
+        with m.If(flags[0] & (overlay.colour != OverlayColour.NONE)):
             m.d.display += [
-                self.red.eq(Mux(marks.colour == MarkColour.OK, 0, full)),
-                self.green.eq(Mux(marks.colour == MarkColour.OK, full, 0)),
+                self.red.eq(Mux(overlay.colour == OverlayColour.OK, 0, full)),
+                self.green.eq(Mux(overlay.colour == OverlayColour.OK, full, 0)),
                 self.blue.eq(0),
             ]
         return m

@@ -14,10 +14,10 @@ class PointLimiter(wiring.Component):
     """Lets so many ok points of a frame through; those after them are counted as dropped.
 
     So a frame full of false points costs its own last points, and not the frames behind it, which
-    would find no room. Points that are not ok pass: few of them are ever sent. An end mark waits
+    would find no room. Points that are not ok pass: few of them are ever sent. An end marker waits
     for its frame's counts, and for room for them. Reset forgets all counts.
 
-    Latency: 0 for points. Counts come out 1 clock after their frame's end mark.
+    Latency: 0 for points. Counts come out 1 clock after their frame's end marker.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class PointLimiter(wiring.Component):
     Members
     -------
     i, o : :py:`In(stream.Signature(Point))`, :py:`Out(stream.Signature(Point))`
-        Points and end marks.
+        Points and end markers.
     counts_i, counts_o : :py:`In(stream.Signature(Counts))`, :py:`Out(stream.Signature(Counts))`
         One for each frame; ``dropped`` grows by the points taken out here, and stops at 65,535.
     limit : :py:`In(8)`

@@ -45,14 +45,14 @@ class Points(wiring.Component):
     Members
     -------
     i : :py:`In(stream.Signature(Point))`
-        Points and end marks.
+        Points and end markers.
     counts : :py:`In(stream.Signature(Counts))`
-        One for each frame, needed once its end mark is there, and taken with it.
+        One for each frame, needed once its end marker is there, and taken with it.
     info : :py:`In(stream.Signature(FrameInfo))`
-        One for each frame, needed once a packet is full or its end mark is there, and taken with
+        One for each frame, needed once a packet is full or its end marker is there, and taken with
         that.
     full_records : :py:`In(1)`
-        Send all points as records; heard with a frame's first point or end mark.
+        Send all points as records; heard with a frame's first point or end marker.
     o : :py:`Out(stream.Signature(PacketOctet))`
         Packets.
     """

@@ -87,7 +87,7 @@ class Texture(wiring.Component):
         # Capture. A pixel's place is the same in both halves, so it starts wherever sending stands
         # when the frame comes past, wherever that is. Sending may get ahead of it, but not beyond
         # what was captured before, which began no later and so ends no later.
-        pixel, mark = self.i.p, self.i.p.mark
+        pixel, marker = self.i.p, self.i.p.marker
         info, broken = Signal(FrameInfo, reset_less=True), Signal(reset_less=True)
         passing_row, passing_column = Signal.like(row), Signal.like(column)
         write_place, following, first = (Signal(range(_BANK)) for _ in range(3))
@@ -103,7 +103,7 @@ class Texture(wiring.Component):
             write.addr.eq(Cat(Mux(starts, place, write_place), ~half)),
             write.data.eq(pixel.grey),
             following.eq(write.addr[:-1] + 1),
-            write.en.eq(self.i.valid & ~mark.broken
+            write.en.eq(self.i.valid & ~marker.broken
                         & (starts | capturing & (following != first))),
         ]
         with m.If(self.info.valid & self.info.ready):
@@ -120,12 +120,12 @@ class Texture(wiring.Component):
             m.d.sync += [
                 passing_column.eq(passing_column + 1), capturing.eq(write.en),
                 captured.eq(captured | starts)]
-            with m.If(mark.line_end):
+            with m.If(marker.line_end):
                 m.d.sync += [passing_column.eq(0), passing_row.eq(passing_row + 1)]
-            with m.If(mark.frame_end):
+            with m.If(marker.frame_end):
                 m.d.sync += [
-                    passing_row.eq(0), capturing.eq(0), captured.eq(0), broken.eq(mark.broken),
-                    whole.eq((starts | captured) & ~mark.broken), due.eq(1),
+                    passing_row.eq(0), capturing.eq(0), captured.eq(0), broken.eq(marker.broken),
+                    whole.eq((starts | captured) & ~marker.broken), due.eq(1),
                 ]
 
         # Sending.

@@ -54,7 +54,7 @@ class Binarise(wiring.Component):
         lit = Signal()
         m.d.comb += [
             excess.eq(self.i.p.grey - self.level),
-            lit.eq(self.enable & ~excess[-1] & ~self.i.p.mark.broken),
+            lit.eq(self.enable & ~excess[-1] & ~self.i.p.marker.broken),
         ]
 
         # The output register is free when it is empty or being emptied.
@@ -65,7 +65,7 @@ class Binarise(wiring.Component):
                 self.o.p.lit.eq(lit),
                 self.o.p.core.eq(lit),
                 self.o.p.excess.eq(Mux(lit, excess[:-1], 0)),
-                self.o.p.mark.eq(self.i.p.mark),
+                self.o.p.marker.eq(self.i.p.marker),
             ]
 
         return m

@@ -21,7 +21,7 @@ class Centring(wiring.Component):
 
     A spot of weight w is taken ``19 - w.bit_length()`` clocks after the clock in which it became
     valid, or later if ``o`` waits, and is valid at ``o`` one clock later. So spots follow each
-    other every 4 to 19 clocks while ``o`` is ready, and end marks take 4. Reset forgets what is
+    other every 4 to 19 clocks while ``o`` is ready, and end markers take 4. Reset forgets what is
     under way.
 
     Paper, section on the spot centres: a product with a coefficient from a table, there indexed
@@ -30,7 +30,7 @@ class Centring(wiring.Component):
     Members
     -------
     i : :py:`In(stream.Signature(QueuedSpot))`
-        Spots and end marks. Weights are 1 to 65,280, sums below 512 times the weight.
+        Spots and end markers. Weights are 1 to 65,280, sums below 512 times the weight.
     o : :py:`Out(stream.Signature(Centre))`
         The same with centres, in the same order.
     table_address : :py:`Out(8)`
@@ -54,7 +54,7 @@ class Centring(wiring.Component):
         slope = self.table_data[:_SLOPE_BITS]
 
         # The spot stays at `i` until its centre is known: only what is shifted has registers. An
-        # end mark's sums are zero, and so is what comes of them; its weight becomes 2**15.
+        # end marker's sums are zero, and so is what comes of them; its weight becomes 2**15.
         weight = Signal(16)
         sums = [Signal(25, name=f"sum_{axis}") for axis in "uv"]
         m.d.comb += self.table_address.eq(weight[7:15])

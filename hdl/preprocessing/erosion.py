@@ -78,26 +78,26 @@ class Erosion(wiring.Component):
         walk_ends = Signal()  # the walk is at the last column
         owed = Signal()  # a broken beat that waits for the frame before
 
-        mark = self.i.p.mark
+        marker = self.i.p.marker
         takes, breaks, step, last = Signal(), Signal(), Signal(), Signal()
         ahead = Signal(columns)
         m.d.comb += [
-            self.i.ready.eq(go & ~(owed & mark.broken)),
-            takes.eq(self.i.valid & self.i.ready & ~mark.broken),
-            breaks.eq(self.i.valid & self.i.ready & mark.broken),
+            self.i.ready.eq(go & ~(owed & marker.broken)),
+            takes.eq(self.i.valid & self.i.ready & ~marker.broken),
+            breaks.eq(self.i.valid & self.i.ready & marker.broken),
             step.eq(Mux(walking, go, takes & ~first_row)),
-            last.eq(Mux(walking, walk_ends, mark.line_end)),
+            last.eq(Mux(walking, walk_ends, marker.line_end)),
             ahead.eq(Mux(last, 0, Mux(walking, walk, column) + 1)),
         ]
-        with m.If(breaks | (takes & mark.line_end)):
-            m.d.sync += [column.eq(0), first_row.eq(mark.frame_end)]
+        with m.If(breaks | (takes & marker.line_end)):
+            m.d.sync += [column.eq(0), first_row.eq(marker.frame_end)]
         with m.Elif(takes):
             m.d.sync += column.eq(column + 1)
         with m.If(~walking):
             m.d.sync += [walk.eq(0), walk_ends.eq(0)]
         with m.Elif(go):
             m.d.sync += [walk.eq(ahead), walk_ends.eq(ahead == self.width - 1)]
-        with m.If(takes & mark.frame_end):
+        with m.If(takes & marker.frame_end):
             m.d.sync += walking.eq(1)
         with m.Elif(go & walk_ends):
             m.d.sync += walking.eq(0)
@@ -151,9 +151,9 @@ class Erosion(wiring.Component):
                 self.o.p.lit.eq(stays & ~broken),
                 self.o.p.core.eq(core & ~broken),
                 self.o.p.excess.eq(excess),
-                self.o.p.mark.line_end.eq(line_end | broken),
-                self.o.p.mark.frame_end.eq(frame_end | broken),
-                self.o.p.mark.broken.eq(broken),
+                self.o.p.marker.line_end.eq(line_end | broken),
+                self.o.p.marker.frame_end.eq(frame_end | broken),
+                self.o.p.marker.broken.eq(broken),
             ]
             with m.If(~stays | broken):
                 m.d.sync += self.o.p.excess.eq(0)

@@ -73,15 +73,15 @@ class Histogram(wiring.Component):
         m.submodules.bins = bins = Memory(shape=BIN_BITS, depth=256, init=[])
         write, read = bins.write_port(), bins.read_port()
 
-        mark = self.i.p.mark
+        marker = self.i.p.marker
         pixel = Signal()
         row = Signal(range(self.height))
         clearing = Signal(init=1)
         counting = Signal()
         m.d.comb += [
-            pixel.eq(self.i.valid & ~mark.broken),
-            self.done.eq(pixel & mark.frame_end),
-            self.lost.eq(self.i.valid & mark.broken),
+            pixel.eq(self.i.valid & ~marker.broken),
+            self.done.eq(pixel & marker.frame_end),
+            self.lost.eq(self.i.valid & marker.broken),
         ]
         m.d.sync += self.closed.eq(0)
         if self.whole:
@@ -89,7 +89,7 @@ class Histogram(wiring.Component):
         else:
             with m.If(self.done | self.lost):
                 m.d.sync += [row.eq(0), clearing.eq(1), counting.eq(0)]
-            with m.Elif(pixel & mark.line_end):
+            with m.Elif(pixel & marker.line_end):
                 m.d.sync += row.eq(row + 1)
                 with m.If(row == first - 1):
                     m.d.sync += [clearing.eq(0), counting.eq(1)]
@@ -121,7 +121,7 @@ class Histogram(wiring.Component):
 
     def _whole_frames(self, m, row, clearing, counting):
         first, stop = self.rows
-        line_end = self.i.valid & self.i.p.mark.line_end
+        line_end = self.i.valid & self.i.p.marker.line_end
         cleared = Signal(9)  # its top bit ends the clearing
         with m.If(clearing):
             m.d.sync += cleared.eq(cleared + 1)

@@ -119,7 +119,7 @@ class Labelling(wiring.Component):
         #
         # A finished frame's last row is walked by itself. The memory gives one column a clock: the
         # walk waits where a pixel comes in for a column that it has already passed.
-        mark = self.i.p.mark
+        marker = self.i.p.marker
         column = Signal(columns)
         row = Signal(rows)
         first_row = Signal(init=1)
@@ -135,12 +135,12 @@ class Labelling(wiring.Component):
         accept = Signal()
         m.d.comb += [
             pay.eq(owed & ~walking & ~walked),
-            accept.eq(~pay & ~(owed & mark.broken)),
+            accept.eq(~pay & ~(owed & marker.broken)),
             self.i.ready.eq(go & accept),
-            step_b.eq(self.i.valid & accept & ~mark.broken),
-            broken.eq(self.i.valid & accept & mark.broken),
+            step_b.eq(self.i.valid & accept & ~marker.broken),
+            broken.eq(self.i.valid & accept & marker.broken),
             step_a.eq(Mux(walking, ~step_b | (walk == column), step_b & ~first_row)),
-            last_a.eq(Mux(walking, walk == self.width - 1, mark.line_end)),
+            last_a.eq(Mux(walking, walk == self.width - 1, marker.line_end)),
             row_write.addr.eq(Cat(Mux(step_b, column, walk), C(0, half_bits + 1))),
             row_read.addr.eq(row_write.addr),
             row_write.data.eq(self.i.p.lit),
@@ -149,15 +149,15 @@ class Labelling(wiring.Component):
         with m.If(go):
             with m.If(step_b):
                 m.d.sync += column.eq(column + 1)
-                with m.If(mark.line_end):
+                with m.If(marker.line_end):
                     m.d.sync += [column.eq(0), row.eq(row + 1), first_row.eq(0)]
-            with m.If(step_b & mark.frame_end | broken):
+            with m.If(step_b & marker.frame_end | broken):
                 m.d.sync += [column.eq(0), row.eq(0), first_row.eq(1)]
             with m.If(step_a & walking):
                 m.d.sync += walk.eq(walk + 1)
                 with m.If(last_a):
                     m.d.sync += [walking.eq(0), walk.eq(0)]
-            with m.If(step_b & mark.frame_end):
+            with m.If(step_b & marker.frame_end):
                 m.d.sync += walking.eq(1)
             m.d.sync += walked.eq(step_a & walking & last_a)
             with m.If(broken & (walking | walked)):
@@ -186,9 +186,9 @@ class Labelling(wiring.Component):
                 at_a.eq(step_a),
                 at_b.eq(step_b),
                 end_a.eq(last_a),
-                end_b.eq(mark.line_end),
+                end_b.eq(marker.line_end),
                 clear_a.eq(step_a & last_a | broken & ~walking),
-                clear_b.eq(step_b & mark.line_end | broken),
+                clear_b.eq(step_b & marker.line_end | broken),
                 linkable.eq(~first_row),
                 ended.eq(walked),
                 lost.eq(broken & ~walking & ~walked | pay),

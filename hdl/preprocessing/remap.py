@@ -151,9 +151,9 @@ class Remap(wiring.Component):
             self.start.ready.eq(Mux(self.start.p, breaks & self.o.ready, done)),
             self.o.valid.eq(shown | breaks),
             self.o.p.grey.eq(Mux(breaks | dark, 0, self.grey)),
-            self.o.p.mark.line_end.eq(line_end | breaks),
-            self.o.p.mark.frame_end.eq(frame_end | breaks),
-            self.o.p.mark.broken.eq(breaks),
+            self.o.p.marker.line_end.eq(line_end | breaks),
+            self.o.p.marker.frame_end.eq(frame_end | breaks),
+            self.o.p.marker.broken.eq(breaks),
         ]
         with m.If(shown & self.o.ready):
             m.d.sync += column.eq(Mux(line_end, 0, column + 1))

@@ -10,7 +10,7 @@ from hdl.payloads import AREA_LIMIT, Counts, QueuedSpot, Spot
 __all__ = ["SpotQueue"]
 
 _WORD_BITS = 36
-#: Places that only end marks may take: as many frames as may be on their way at once.
+#: Places that only end markers may take: as many frames as may be on their way at once.
 _END_PLACES = 4
 
 
@@ -21,17 +21,17 @@ class SpotQueue(wiring.Component):
     of it survived the erosion. Rejected ones are counted, and queued only with
     ``report_rejected``, an area of at most 255 and while less than half of the places are taken.
     The others are queued while there is room, else counted as dropped. Four places are kept for
-    end marks; there may be no more than four frames between labelling and the taker of
-    ``counts``, or an end mark overwrites what waits.
+    end markers; there may be no more than four frames between labelling and the taker of
+    ``counts``, or an end marker overwrites what waits.
 
     ``i.ready`` is always high. A component comes out two clocks after it went in, or later: the
     memory is read only in clocks in which nothing is written, so a word a clock in means none out.
     The word at ``o`` has left the memory and its place is free.
 
-    The counters of a frame, saturated at 65,535, travel with its end mark. They are valid at
-    ``counts`` from the clock on in which the end mark is valid at ``o``; the next end mark waits
-    for them to be taken. ``spots`` counts all components of the
-    frame, ``rejected`` and ``dropped`` those that were not queued: the rest comes out at ``o``.
+    The counters of a frame, saturated at 65,535, travel with its end marker. They are valid at
+    ``counts`` from the clock on in which the end marker is valid at ``o``; the next end marker
+    waits for them to be taken. ``spots`` counts all components of the frame, ``rejected``
+    and ``dropped`` those that were not queued; the rest comes out at ``o``.
 
     Parameters
     ----------
@@ -41,11 +41,11 @@ class SpotQueue(wiring.Component):
     Members
     -------
     i : :py:`In(stream.Signature(Spot))`
-        Components and end marks; ``ready`` is constant.
+        Components and end markers; ``ready`` is constant.
     o : :py:`Out(stream.Signature(QueuedSpot))`
-        Spots and end marks, in the same order.
+        Spots and end markers, in the same order.
     counts : :py:`Out(stream.Signature(Counts))`
-        One word for each end mark.
+        One word for each end marker.
     area_min, area_max : :py:`In(8)`
         Areas of spots, both included.
     report_rejected : :py:`In(1)`
@@ -94,7 +94,7 @@ class SpotQueue(wiring.Component):
             push.eq(self.i.valid & (spot.end | wanted)),
         ]
 
-        # Counters of the frame. They show what they are at the end mark, which clears them.
+        # Counters of the frame. They show what they are at the end marker, which clears them.
         counters = Signal(Counts)
         for name, event in [("spots", 1), ("rejected", rejected & ~wanted),
                             ("dropped", ~rejected & ~room)]:
@@ -155,7 +155,7 @@ class SpotQueue(wiring.Component):
         with m.Elif(self.o.valid & self.o.ready):
             m.d.sync += held.eq(0)
 
-        # An end mark shows once its counters are in their register.
+        # An end marker shows once its counters are in their register.
         counted = Signal()
         m.d.comb += [
             self.o.valid.eq(held & (~shown.end | counted)),

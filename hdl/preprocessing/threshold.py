@@ -62,7 +62,7 @@ class Threshold(wiring.Component):
     -------
     closed, done, lost, address, count
         From and to :class:`hdl.preprocessing.histogram.Histogram`.
-    alpha : :py:`In(8)`
+    threshold_alpha : :py:`In(8)`
         Standard deviations, unsigned Q4.4.
     fixed : :py:`In(1)`
         Use ``fixed_level`` instead.
@@ -72,8 +72,8 @@ class Threshold(wiring.Component):
         The result is there, until ``done`` or ``lost``.
     level : :py:`Out(8)`
         Smallest grey value that is lit.
-    learnt : :py:`Out(1)`
-        Low until a level is known.
+    threshold_valid : :py:`Out(1)`
+        Low until a threshold is known.
     """
 
     #: Clocks from ``closed`` to the result at most: two scans and a division.
@@ -88,12 +88,12 @@ class Threshold(wiring.Component):
             "lost": In(1),
             "address": Out(8),
             "count": In(BIN_BITS),
-            "alpha": In(8),
+            "threshold_alpha": In(8),
             "fixed": In(1),
             "fixed_level": In(8),
             "known": Out(1),
             "level": Out(8),
-            "learnt": Out(1),
+            "threshold_valid": Out(1),
         })
 
     def elaborate(self, platform):
@@ -170,7 +170,7 @@ class Threshold(wiring.Component):
             summed.eq(summing & here & ~first & (faint | edge)),
         ]
         m.d.sync += [
-            gain.eq(self.alpha + (self.alpha >> 1) + Mux(down, -16, 16)),
+            gain.eq(self.threshold_alpha + (self.threshold_alpha >> 1) + Mux(down, -16, 16)),
             product.eq(weight * value),
             adding.eq(accepts),
         ]
@@ -203,14 +203,14 @@ class Threshold(wiring.Component):
             m.d.sync += place.eq((Cat(C(1, 1), Mux(dividing, place, number))
                                   + Cat(dividing, C(0, 8)))[1:])
 
-        learnt = Signal()
+        level_valid = Signal()
         level = Signal(8)
         m.d.comb += [
             self.level.eq(Mux(self.fixed, self.fixed_level, level)),
-            self.learnt.eq(self.fixed | learnt),
+            self.threshold_valid.eq(self.fixed | level_valid),
         ]
         with m.If(known & self.done):
-            m.d.sync += [level.eq(place), learnt.eq(1)]
+            m.d.sync += [level.eq(place), level_valid.eq(1)]
 
         # Whatever it has come to, the end of the frame ends it.
         m.d.sync += start.eq(searched | summed | (idle & ~self.closed))

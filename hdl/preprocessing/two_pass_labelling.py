@@ -31,7 +31,7 @@ class TwoPassLabelling(wiring.Component):
     :data:`..payloads.AREA_LIMIT`.
 
     **Clocks.** A frame takes ``2 width height + 3 n + overhead`` clocks from its first pixel to
-    its end mark, n being the labels that it used, if pixels and memory never let it wait, and no
+    its end marker, n being the labels that it used, if pixels and memory never let it wait, and no
     spot is waited for::
 
         pass 1    width * height      a pixel a clock, a word of two labels every second clock
@@ -42,11 +42,11 @@ class TwoPassLabelling(wiring.Component):
     Joining two labels that meet takes three clocks, and one more for each step on the way to
     their roots; pass 1 goes on meanwhile, and waits only where the next two labels meet before
     those before them are being joined. On the worst image that we know, bands of a checkerboard,
-    that makes n clocks more. ``i.ready`` is low from a frame's last pixel until its end mark is
+    that makes n clocks more. ``i.ready`` is low from a frame's last pixel until its end marker is
     in the output register, and for a clock after that.
 
-    A ``broken`` beat forgets the frame; its end mark follows at once, without spots. Reset forgets
-    everything.
+    A ``broken`` beat discards the frame; its end marker follows at once, without spots. Reset
+    discards everything.
 
     **How.** Label 0 stands for all components that are dropped: a pixel that gets no label is a
     pixel of label 0, and labels that meet it are joined to it as to any other. Labels are joined
@@ -76,7 +76,7 @@ class TwoPassLabelling(wiring.Component):
     o : :py:`Out(stream.Signature(Spot))`
         Components, and an ``end`` beat after each frame's last.
     dropped : :py:`Out(16)`
-        See above; of the frame whose end mark came last, from the clock of the mark on.
+        See above; of the frame whose end marker came last, from the clock of the marker on.
     command : :py:`Out(stream.Signature(MemoryCommand))`
         Accesses to the image of labels.
     answer : :py:`In(stream.Signature(32, always_ready=True))`
@@ -154,7 +154,7 @@ class TwoPassLabelling(wiring.Component):
             m.d.sync += self.command.valid.eq(0)
 
         # Pass 1, stage 0: take a pixel, ask for what is above the next one.
-        mark = self.i.p.mark
+        marker = self.i.p.marker
         first_row = Signal(init=1)
         open_ = Signal()  # in pass 1
         go = Signal()
@@ -162,9 +162,9 @@ class TwoPassLabelling(wiring.Component):
         broken = Signal()
         m.d.comb += [
             self.i.ready.eq(open_ & go),
-            take.eq(self.i.valid & self.i.ready & ~mark.broken),
-            broken.eq(self.i.valid & self.i.ready & mark.broken),
-            above.addr.eq(Mux(mark.line_end, 0, column + 1)),
+            take.eq(self.i.valid & self.i.ready & ~marker.broken),
+            broken.eq(self.i.valid & self.i.ready & marker.broken),
+            above.addr.eq(Mux(marker.line_end, 0, column + 1)),
             above.en.eq(go),
         ]
 
@@ -183,13 +183,13 @@ class TwoPassLabelling(wiring.Component):
                 core.eq(self.i.p.core),
                 place.eq(column),
                 first.eq(column == 0),
-                last.eq(mark.line_end),
+                last.eq(marker.line_end),
                 top.eq(first_row),
-                frame_end.eq(mark.frame_end),
+                frame_end.eq(marker.frame_end),
             ]
         with m.If(take):
             m.d.sync += column.eq(column + 1)
-            with m.If(mark.line_end):
+            with m.If(marker.line_end):
                 m.d.sync += [column.eq(0), first_row.eq(0)]
 
         # Stage 1: label it. Names are the neighbour's place: north-west, north, north-east, west.
@@ -388,7 +388,7 @@ class TwoPassLabelling(wiring.Component):
                 ]
                 m.next = "LABEL"
 
-            with m.State("LABEL"), m.If(broken | take & mark.frame_end):
+            with m.State("LABEL"), m.If(broken | take & marker.frame_end):
                 m.d.sync += [open_.eq(0), lost.eq(broken)]
                 m.next = "SETTLE"
 

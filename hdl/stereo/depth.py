@@ -16,7 +16,7 @@ class Depth(wiring.Component):
 
     The inverse depth is ``(alpha * x + beta + 2**11) >> 12`` with the beam's alpha and beta. A
     spot whose inverse depth is below 1 or above ``2**18 - 1`` becomes rejected. Spots of any other
-    status than ok, and end marks, pass unchanged, in the same time.
+    status than ok, and end markers, pass unchanged, in the same time.
 
     A spot waits at ``i`` until its point is taken at ``o``, where it appears :attr:`latency`
     clocks after it came: a spot takes ``latency + 1`` clocks.
@@ -27,7 +27,7 @@ class Depth(wiring.Component):
     Members
     -------
     i : :py:`In(stream.Signature(Match))`
-        Spots and end marks.
+        Spots and end markers.
     o : :py:`Out(stream.Signature(Point))`
         The same, in the same order.
     table_address : :py:`Out(8)`

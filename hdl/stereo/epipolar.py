@@ -28,7 +28,7 @@ class Epipolar(wiring.Component):
     is closer to the estimate than the tolerance, and hits beam k if also ``u_min <= x <= u_max``,
     both limits included, x cut to Q9.4. One hit gives the beam, more make the spot ambiguous.
     Without a hit it is rejected if it is on some line, else noise. Spots that come in rejected,
-    and end marks, take their time but pass.
+    and end markers, take their time but pass.
 
     A tolerance of zero disables a beam; all are disabled until they are written. The words lie in
     two banks. A word may be written or read back at any time; what is being matched meanwhile may
@@ -48,7 +48,7 @@ class Epipolar(wiring.Component):
     Members
     -------
     i : :py:`In(stream.Signature(Undistorted))`
-        Spots and end marks.
+        Spots and end markers.
     o : :py:`Out(stream.Signature(Match))`
         The same, in the same order.
     bank : :py:`In(1)`

@@ -42,7 +42,7 @@ class Undistort(wiring.Component):
     the error budget are those of :func:`model.stereo.undistort.undistort`: within 0.01 px of
     float. One spot at a time, on two multipliers, one for each axis; spots follow each other
     every :attr:`period` clocks. A spot is taken in the clock in which ``o`` is, :attr:`latency`
-    clocks after it became valid, or later if ``o`` waits. End marks take one clock. Reset forgets
+    clocks after it became valid, or later if ``o`` waits. End markers take one clock. Reset forgets
     what is under way; the table stays.
 
     A spot is rejected where the chip has no answer: x, y or an intermediate place leaves +-256
@@ -60,7 +60,7 @@ class Undistort(wiring.Component):
     Members
     -------
     i : :py:`In(stream.Signature(Centre))`
-        Spots and end marks.
+        Spots and end markers.
     o : :py:`Out(stream.Signature(Undistorted))`
         The same, in the same order; x and y about the image centre.
     principal_u, principal_v : :py:`In(18)`
@@ -133,16 +133,16 @@ class Undistort(wiring.Component):
         last = Signal()
         done = Signal()
         waiting = Signal()
-        mark = Signal()
+        ends = Signal()
         m.d.comb += [
             first.eq(turn == 0),
             last.eq(turn == self.rounds),
             waiting.eq(first & (phase == _Phase.TURN)),
-            mark.eq(waiting & self.i.valid & spot.end & ~done),
+            ends.eq(waiting & self.i.valid & spot.end & ~done),
             next_phase.eq(phase),
             next_turn.eq(turn),
         ]
-        with m.If(~done & ~mark & (~waiting | self.i.valid)):
+        with m.If(~done & ~ends & (~waiting | self.i.valid)):
             m.d.comb += next_phase.eq(phase.as_value() + Mux(
                 first & ((phase == _Phase.TURN) | (phase == _Phase.LOOKUP)), 2, 1))
             with m.If(phase == _Phase.APPLY):
@@ -212,7 +212,7 @@ class Undistort(wiring.Component):
                     m.d.comb += left.eq(fraction << (_SUM_SHIFT - _SEGMENT_BITS))
             with m.If(use_half):
                 m.d.sync += place.eq(total >> 2)
-            with m.If(mark):
+            with m.If(ends):
                 m.d.sync += place.eq(0)
             with m.If(turning | use_offset_of_centre):
                 m.d.sync += half.eq(total)
@@ -273,7 +273,7 @@ class Undistort(wiring.Component):
         ]
         with m.If(done):
             m.d.sync += done.eq(~self.o.ready)
-        with m.Elif(mark):
+        with m.Elif(ends):
             m.d.sync += [done.eq(1), bad.eq(0)]
         with m.Elif(last & (phase == _Phase.APPLY)):
             m.d.sync += done.eq(1)

@@ -19,20 +19,20 @@ def addressed_camera(frames):
     Returns
     -------
     tuple of two arrays
-        Grey values and marks, as in :func:`.camera.camera`.
+        Grey values and markers, as in :func:`.camera.camera`.
     """
-    greys, marks = [np.zeros(0, np.uint8)], [np.zeros(0, np.uint8)]
+    greys, markers = [np.zeros(0, np.uint8)], [np.zeros(0, np.uint8)]
     for image, pixels in frames:
         height, width = image.shape
-        mark = np.zeros((height, width), np.uint8)
-        mark[:, -1] = LINE_END
-        mark[-1, -1] |= FRAME_END
+        marker = np.zeros((height, width), np.uint8)
+        marker[:, -1] = LINE_END
+        marker[-1, -1] |= FRAME_END
         greys.append(image.ravel()[:pixels])
-        marks.append(mark.ravel()[:pixels])
+        markers.append(marker.ravel()[:pixels])
         if pixels < height * width:
             greys.append(np.array([BAD_SYNC], np.uint8))
-            marks.append(np.array([LINE_END | FRAME_END | BROKEN], np.uint8))
-    return np.concatenate(greys), np.concatenate(marks)
+            markers.append(np.array([LINE_END | FRAME_END | BROKEN], np.uint8))
+    return np.concatenate(greys), np.concatenate(markers)
 
 
 def conversions(width, height, interval, read):

@@ -1,10 +1,10 @@
-"""What a parallel camera port's pins amount to: pixels, and marks where synchronism was lost."""
+"""What a parallel camera port's pins amount to: pixels, and markers where synchronism was lost."""
 
 import numpy as np
 
 __all__ = ["BAD_SYNC", "BROKEN", "FRAME_END", "LINE_END", "OVERRUN", "camera"]
 
-#: Bits of a mark.
+#: Bits of a marker.
 LINE_END, FRAME_END, BROKEN = 1, 2, 4
 #: Grey values of a broken beat: why the frame was broken off.
 BAD_SYNC, OVERRUN = 1, 2
@@ -42,25 +42,25 @@ def camera(frame_valid, line_valid, data, width, height):
     Returns
     -------
     tuple of two arrays
-        Grey values and marks.
+        Grey values and markers.
     """
     frame_valid = np.asarray(frame_valid, bool)
     line_valid = np.asarray(line_valid, bool)
     data = np.asarray(data, np.uint8)
     rises = np.flatnonzero(~frame_valid[:-1] & frame_valid[1:]) + 1
-    greys, marks = [np.zeros(0, np.uint8)], [np.zeros(0, np.uint8)]
+    greys, markers = [np.zeros(0, np.uint8)], [np.zeros(0, np.uint8)]
     for begin in rises:
         falls = np.flatnonzero(~frame_valid[begin:])
         if not falls.size:
             break
         inside = slice(begin, begin + int(falls[0]))
         grey, good, broken = _frame(line_valid[inside], data[inside], width, height)
-        mark = np.where(np.arange(1, len(grey) + 1) % width == 0, LINE_END, 0)
+        marker = np.where(np.arange(1, len(grey) + 1) % width == 0, LINE_END, 0)
         if good:
-            mark[-1] |= FRAME_END
+            marker[-1] |= FRAME_END
         greys.append(grey)
-        marks.append(mark.astype(np.uint8))
+        markers.append(marker.astype(np.uint8))
         if broken:
             greys.append(np.array([BAD_SYNC], np.uint8))
-            marks.append(np.array([LINE_END | FRAME_END | BROKEN], np.uint8))
-    return np.concatenate(greys), np.concatenate(marks)
+            markers.append(np.array([LINE_END | FRAME_END | BROKEN], np.uint8))
+    return np.concatenate(greys), np.concatenate(markers)

@@ -1,29 +1,29 @@
-"""What the screen shows of a frame and its spots."""
+"""What the display shows of a frame and its spots."""
 
 import numpy as np
 
-__all__ = ["COLUMNS", "ROWS", "MARKS", "mark", "place", "reach_of", "screen"]
+__all__ = ["COLUMNS", "ROWS", "DIAMONDS", "display", "draw_diamond", "reach_of", "scale_and_origin"]
 
-#: Size of the screen.
+#: Size of the display.
 COLUMNS, ROWS = 640, 480
-#: Spots of a frame that are marked.
-MARKS = 128
+#: Spots of a frame that are drawn.
+DIAMONDS = 128
 _GREEN, _RED = (0, 255, 0), (255, 0, 0)
 
 
-def place(width, height):
-    """Scale of the picture, and the screen's column and row of its first pixel."""
+def scale_and_origin(width, height):
+    """Scale of the picture, and the display's column and row of its first pixel."""
     scale = min(COLUMNS // width, ROWS // height)
     return scale, (COLUMNS - width * scale) // 2, (ROWS - height * scale) // 2
 
 
 def reach_of(width):
-    """From the middle of a mark to its corners, in pixels of the frame."""
+    """From the middle of a diamond to its corners, in pixels of the frame."""
     return 3 if width <= 128 else 5
 
 
-def mark(picture, u, v, ok, reach):
-    """Draw a mark: the pixels of ``picture`` whose rows and columns are ``reach`` away, added.
+def draw_diamond(picture, u, v, ok, reach):
+    """Draw a diamond: the pixels of ``picture`` whose rows and columns are ``reach`` away, added.
 
     Parameters
     ----------
@@ -38,14 +38,14 @@ def mark(picture, u, v, ok, reach):
     picture[abs(columns - column) + abs(rows - row) == reach] = _GREEN if ok else _RED
 
 
-def screen(frame, marks=(), reach=None, colour_bits=8):
-    """All pixels of the screen.
+def display(frame, spots=(), reach=None, colour_bits=8):
+    """All pixels of the display.
 
     Parameters
     ----------
     frame : array (height, width) of uint8, or None
         What is shown; None for nothing yet.
-    marks : sequence of (u, v, ok)
+    spots : sequence of (u, v, ok)
         Centres of its spots, unsigned Q9.9, in the order in which they came.
     reach : :class:`int`, optional
         As :func:`reach_of` tells by default.
@@ -60,9 +60,9 @@ def screen(frame, marks=(), reach=None, colour_bits=8):
     if frame is not None:
         height, width = frame.shape
         picture = np.repeat(frame[:, :, None], 3, axis=2)
-        for u, v, ok in marks[:MARKS]:
-            mark(picture, int(u), int(v), ok, reach_of(width) if reach is None else reach)
-        scale, left, top = place(width, height)
+        for u, v, ok in spots[:DIAMONDS]:
+            draw_diamond(picture, int(u), int(v), ok, reach_of(width) if reach is None else reach)
+        scale, left, top = scale_and_origin(width, height)
         picture = picture.repeat(scale, axis=0).repeat(scale, axis=1)
         whole[top:top + height * scale, left:left + width * scale] = picture
     return whole >> (8 - colour_bits)

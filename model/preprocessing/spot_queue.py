@@ -2,7 +2,7 @@
 
 import numpy as np
 
-__all__ = ["QUEUED_DTYPE", "screen"]
+__all__ = ["QUEUED_DTYPE", "filter_spots"]
 
 QUEUED_DTYPE = np.dtype([
     ("rejected", "?"), ("area", "i4"), ("weight", "i4"), ("sum_u", "i4"), ("sum_v", "i4")])
@@ -11,7 +11,7 @@ _COUNT_LIMIT = 0xFFFF
 _LARGEST_AREA = 255
 
 
-def screen(spots, settings):
+def filter_spots(spots, settings):
     """Screen a frame's components by area and core, as a queue without end would.
 
     A component is rejected if its area lies outside ``area_min`` to ``area_max`` (both included)

@@ -26,7 +26,7 @@ def _first_mode(smooth, reached, pixels):
     return place, peak
 
 
-def threshold(counts, alpha):
+def threshold(counts, threshold_alpha):
     """T = mean + alpha sigma of the histogram's first mode (the paper's Section VI).
 
     What the paper leaves open is read thus. Black and white, 0 and 255, are where the imager
@@ -42,7 +42,7 @@ def threshold(counts, alpha):
     there at 1.665 sigma. Its mean absolute deviation about the peak is 0.662 sigma after that
     cut; so sigma is 3/2 of it, and
 
-        T = 1 + floor(peak + mean(d) + alpha * 3/2 * mean(abs(d))),   d = bin - peak,
+        T = 1 + floor(peak + mean(d) + threshold_alpha * 3/2 * mean(abs(d))),   d = bin - peak,
 
     which needs one sum and one division; no less than 1 + peak, and no more than 255.
 
@@ -50,7 +50,7 @@ def threshold(counts, alpha):
     ----------
     counts : array of 256 :class:`int`
         Histogram.
-    alpha : :class:`int`
+    threshold_alpha : :class:`int`
         Standard deviations, unsigned Q4.4.
 
     Returns
@@ -66,7 +66,7 @@ def threshold(counts, alpha):
     place, peak = _first_mode(smooth, reached, pixels)
     if place is None:
         return 1 if reached[254] else 255
-    scaled = alpha + (alpha >> 1)  # Q4.4
+    scaled = threshold_alpha + (threshold_alpha >> 1)  # Q4.4
     pixels, total = int(counts[place]), 0
     for step, gain in ((1, scaled + 16), (-1, scaled - 16)):
         weight, at = 0, place + step

@@ -11,7 +11,8 @@ _CAUSES = {
     "duty": "too much light in the window", "not_armed": "light asked for while not armed",
     "heartbeat": "frames that stopped coming"}
 _FAULTS = {
-    "frame": "a frame lost its end", "row": "a row came too late", "mark": "a spot has no mark"}
+    "frame": "a frame lost its end", "row": "a row came too late",
+    "overlay": "a spot is missing in the overlay"}
 
 
 def causes(status):

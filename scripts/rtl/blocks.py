@@ -95,7 +95,7 @@ BLOCKS = tuple(Block(name, unit) for unit, names in {
     "stereo": "undistort epipolar depth",
     "link": "point_limiter points texture scheduler framer uart_tx transmitter uart_rx receiver "
             "registers commands",
-    "display": "marks vga",
+    "display": "overlay vga",
     "common": "table_memory stage point_fifo sram",
 }.items() for name in names.split())
 #: Blocks that have other ports in another preset than the one that their name tells. They are

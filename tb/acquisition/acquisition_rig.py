@@ -60,16 +60,16 @@ class AcquisitionRig(wiring.Component):
                          camera.line_valid.eq(self.line_valid)]
         connect(m, camera.o, flipped(self.o))
         inside, taken = Signal(), Signal()
-        mark = camera.o.p.mark
+        marker = camera.o.p.marker
         with m.If(taken):
-            m.d.sync += inside.eq(~mark.frame_end)
+            m.d.sync += inside.eq(~marker.frame_end)
         m.d.comb += [
             taken.eq(camera.o.valid & camera.o.ready),
             *(getattr(sequencer, name).eq(getattr(self, name)) for name in _INPUTS),
             *(getattr(self, name).eq(getattr(sequencer, name)) for name in (*_OUTPUTS, "tag")),
-            sequencer.frame_begun.eq(taken & ~inside & ~mark.broken),
-            sequencer.frame_ended.eq(taken & mark.frame_end & ~mark.broken),
-            sequencer.frame_broken.eq(taken & mark.broken),
+            sequencer.frame_begun.eq(taken & ~inside & ~marker.broken),
+            sequencer.frame_ended.eq(taken & marker.frame_end & ~marker.broken),
+            sequencer.frame_broken.eq(taken & marker.broken),
             sequencer.laser_armed.eq(guard.armed),
             sequencer.lit.eq(guard.lit),
             guard.request.eq(sequencer.laser_request),

@@ -64,7 +64,7 @@ class RigBench:
         pixels = unpack(GreyPixel, np.array(words, np.uint32).reshape(-1, 1))
         tag = unpack(FrameTag, np.array([[tag & 0xFFFFFFFF, tag >> 32]], np.uint32))
         shape = self.pins.imager.height, self.pins.imager.width
-        whole = not pixels["mark_broken"].any() and len(words) == shape[0] * shape[1]
+        whole = not pixels["marker_broken"].any() and len(words) == shape[0] * shape[1]
         self.frames.append((
             pixels["grey"].astype(int).reshape(shape) if whole else None,
             {name: int(tag[name][0]) for name in ("texture", "laser", "exposure_us")}))

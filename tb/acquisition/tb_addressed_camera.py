@@ -48,10 +48,10 @@ class AddressedBench(Bench):
 
     def check(self):
         counts = np.diff([*self.reads, len(self.pins.converted)])
-        grey, mark = addressed_camera(list(zip(self.images, counts, strict=True)))
+        grey, marker = addressed_camera(list(zip(self.images, counts, strict=True)))
         words = np.array([word for _, word in self.o.words])
         assert np.array_equal(words & 0xFF, grey)
-        assert np.array_equal(words >> 8, mark)
+        assert np.array_equal(words >> 8, marker)
         places = [divmod(place, self.choices["width"]) for count in counts
                   for place in range(count)]
         assert [tuple(entry[1:]) for entry in self.pins.converted] == places
@@ -139,9 +139,9 @@ async def read_again_while_nobody_takes_pixels(dut):
     assert len(bench.pins.converted) == converted
     bench.o.stall = 0.0
     await bench.finish()
-    grey, mark = addressed_camera([(first, converted), (bench.image, bench.pixels)])
+    grey, marker = addressed_camera([(first, converted), (bench.image, bench.pixels)])
     words = np.array([word for _, word in bench.o.words])
-    assert np.array_equal(words & 0xFF, grey) and np.array_equal(words >> 8, mark)
+    assert np.array_equal(words & 0xFF, grey) and np.array_equal(words >> 8, marker)
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")

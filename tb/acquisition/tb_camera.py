@@ -42,15 +42,15 @@ class CameraBench(Bench):
         self.pins((0, 0, 0))
 
     async def settle(self):
-        """Until nothing comes any more; what came, as grey values and marks."""
+        """Until nothing comes any more; what came, as grey values and markers."""
         before = -1
         while before != len(self.o.words):
             before = len(self.o.words)
             await ClockCycles(self.dut.clk, 64)
             await ClockCycles(self.dut.pixel_clk, 8)
         words = np.array([word for _, word in self.o.words])
-        grey, mark = words & 0xFF, words >> 8
-        return np.where(mark & BROKEN, grey & 3, grey), mark
+        grey, marker = words & 0xFF, words >> 8
+        return np.where(marker & BROKEN, grey & 3, grey), marker
 
     def expected(self):
         samples = np.array([(0, 0, 0)] + self.shown + [(0, 0, 0)])
@@ -58,7 +58,7 @@ class CameraBench(Bench):
 
     async def check(self):
         got, wanted = await self.settle(), self.expected()
-        for name, mine, other in zip(("grey", "mark"), got, wanted, strict=True):
+        for name, mine, other in zip(("grey", "marker"), got, wanted, strict=True):
             assert len(mine) == len(other), f"{len(mine)} beats, not {len(other)}"
             wrong = np.flatnonzero(mine != other)
             assert not wrong.size, f"{name} of beat {wrong[0]}: {mine[wrong[0]]}, " \
@@ -174,11 +174,11 @@ async def overrun(dut, pixel_ps, hold):
             cocotb.start_soon(release())
             samples = samples[at:]
         await bench.show(samples)
-    grey, mark = await bench.settle()
-    ends = np.flatnonzero(mark & FRAME_END) + 1
+    grey, marker = await bench.settle()
+    ends = np.flatnonzero(marker & FRAME_END) + 1
     whole, broken = [], 0
-    for pixels, marks in zip(np.split(grey, ends[:-1]), np.split(mark, ends[:-1]), strict=True):
-        if marks[-1] & BROKEN:
+    for pixels, markers in zip(np.split(grey, ends[:-1]), np.split(marker, ends[:-1]), strict=True):
+        if markers[-1] & BROKEN:
             assert pixels[-1] == OVERRUN
             assert not len(pixels[:-1]) or np.array_equal(
                 pixels[:-1], images[pixels[0]][:len(pixels) - 1])
@@ -215,13 +215,13 @@ async def overrun_ends_as_a_frame_begins(dut):
             await bench.show(samples[:at])
             bench.o.stall = 0.0 if place != 1 else 1.0
             await bench.show(samples[at:])
-        grey, mark = await bench.settle()
+        grey, marker = await bench.settle()
         bench.o.words.clear()
-        ends = np.flatnonzero(mark & FRAME_END) + 1
+        ends = np.flatnonzero(marker & FRAME_END) + 1
         frames = {}
-        for pixels, marks in zip(np.split(grey, ends[:-1]), np.split(mark, ends[:-1]),
+        for pixels, markers in zip(np.split(grey, ends[:-1]), np.split(marker, ends[:-1]),
                                  strict=True):
-            if not marks[-1] & BROKEN:
+            if not markers[-1] & BROKEN:
                 frames[int(pixels[0])] = pixels
         first = number - 4
         assert first in frames and first + 1 not in frames and first + 3 in frames
@@ -244,11 +244,11 @@ async def torn_while_the_queue_is_full(dut):
         bench.o.stall = 0.0
         await bench.show([(0, 0, 0)] * 30)
         await bench.show([(1, 1, int(value)) for value in images[1].ravel()])
-        grey, mark = await bench.settle()
+        grey, marker = await bench.settle()
         bench.o.words.clear()
         lost = len(grey) - WIDTH * HEIGHT - 1
         assert np.array_equal(grey[:lost], images[0].ravel()[:lost])
-        assert not mark[:lost].any() and mark[lost] & BROKEN
+        assert not marker[:lost].any() and marker[lost] & BROKEN
         assert np.array_equal(grey[lost + 1:], images[1].ravel()), f"after {pixels} pixels"
     counted = dut.bad_sync.value.to_unsigned() + dut.overrun.value.to_unsigned()
     assert counted == 9 and dut.bad_sync.value and dut.overrun.value

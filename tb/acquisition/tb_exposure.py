@@ -52,7 +52,7 @@ class ExposureBench(Bench):
         dut.reset_us.value, dut.exposure_us.value = ~reset_us & 0xFFFF, 7
         dut.laser.value = 1 - laser
         await ReadOnly()
-        assert dut.taken_us.value == max(1, exposure_us)
+        assert dut.latched_us.value == max(1, exposure_us)
         return timeline
 
     async def done(self):

@@ -42,8 +42,8 @@ def random_tag(rng):
     return {name: int(rng.integers(1 << width)) for name, width in bits.items()}
 
 
-PLAIN = {"level": 0, "learnt": 0, "info_ready": 1, "texture_info_ready": 1, "tag": 0, "tripped": 0,
-         "tables_valid": 0}
+PLAIN = {"level": 0, "threshold_valid": 0, "info_ready": 1, "texture_info_ready": 1, "tag": 0,
+         "tripped": 0, "tables_valid": 0}
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
@@ -70,7 +70,7 @@ async def whole_frames_or_none(dut, gap, stall):
         # Only the announcement of the frame's own kind may matter.
         dut.info_ready.value = ready ^ tag["texture"]
         dut.texture_info_ready.value = ready ^ 1 ^ tag["texture"]
-        dut.level.value, dut.learnt.value = level, level & 1
+        dut.level.value, dut.threshold_valid.value = level, level & 1
         dut.tag.value = word_of(FrameTag, **tag)
         dut.tripped.value, dut.tables_valid.value = tripped, tables_valid
         if kind != "nothing":
@@ -129,7 +129,7 @@ async def skipped_stops_at_255(dut):
                   plain=PLAIN | {"info_ready": 0, "texture_info_ready": 0})
     reader = Reader(bench)
     await bench.reset()
-    pixel = int(pack(GreyPixel, mark_line_end=[1], mark_frame_end=[1])[0][0])
+    pixel = int(pack(GreyPixel, marker_line_end=[1], marker_frame_end=[1])[0][0])
     await bench.i.send([pixel] * 300)
     assert dut.lost.value == 255
     dut.info_ready.value = dut.texture_info_ready.value = 1

@@ -18,9 +18,9 @@ def test_addressed_camera(request, latency, interval, seed):
 
 def test_model_marks_the_ends():
     image = np.arange(6, dtype=np.uint8).reshape(2, 3)
-    grey, mark = addressed_camera([(image, 6), (image, 4)])
+    grey, marker = addressed_camera([(image, 6), (image, 4)])
     assert grey.tolist() == [0, 1, 2, 3, 4, 5, 0, 1, 2, 3, 1]
-    assert mark.tolist() == [0, 0, 1, 0, 0, 3, 0, 0, 1, 0, 7]
+    assert marker.tolist() == [0, 0, 1, 0, 0, 3, 0, 0, 1, 0, 7]
 
 
 def test_a_frame_takes_no_longer_than_from_a_camera_of_8_mhz():

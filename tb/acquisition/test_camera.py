@@ -23,13 +23,13 @@ def test_model_keeps_frames_apart(fault, seed):
     images = rng.integers(0, 256, (3, 5, 8))
     pins = np.concatenate([show(rng, images[0]), show(rng, images[1], fault),
                            show(rng, images[2]), [(0, 0, 0)]])
-    grey, mark = camera(*pins.T, 8, 5)
-    assert np.count_nonzero(mark & BROKEN) == (fault is not None)
-    for image, (pixels, marks) in ((images[0], (grey[:40], mark[:40])),
-                                   (images[2], (grey[-40:], mark[-40:]))):
+    grey, marker = camera(*pins.T, 8, 5)
+    assert np.count_nonzero(marker & BROKEN) == (fault is not None)
+    for image, (pixels, markers) in ((images[0], (grey[:40], marker[:40])),
+                                   (images[2], (grey[-40:], marker[-40:]))):
         assert np.array_equal(pixels.reshape(5, 8), image)
-        assert np.array_equal(marks.reshape(5, 8)[:, -1], [LINE_END] * 4 + [LINE_END | FRAME_END])
-        assert not marks.reshape(5, 8)[:, :-1].any()
+        assert np.array_equal(markers.reshape(5, 8)[:, -1], [LINE_END] * 4 + [LINE_END | FRAME_END])
+        assert not markers.reshape(5, 8)[:, :-1].any()
 
 
 @pytest.mark.parametrize("size,error", [

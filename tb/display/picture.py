@@ -36,7 +36,7 @@ def rendered_scene(request, folder, capture, calibration):
     spots = [(int(point["u"]), int(point["v"]), int(point["status"] == 0)) for point in points]
     show = play(request, folder, images, [spots], _SCREENS, sync_ps=62_500, period=2,
                 blanking=320_000 - 2 * width * height, delay=3000)
-    assert show.torn == 0 and show.marked[-1] and show.numbers[-1] % 2
+    assert show.torn == 0 and show.overlaid[-1] and show.numbers[-1] % 2
     good = sum(ok for _, _, ok in spots)
     return show.pictures[-1], good, len(spots) - good
 

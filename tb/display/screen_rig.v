@@ -28,15 +28,15 @@ module screen_rig #(
         #(display_ps / 2000.0) display_clk = 0;
     end
 
-    // Images, and lists of marks, each with its end; number n is in slot n % IMAGES or n % LISTS.
+    // Images, and lists of spots, each with its end; number n is in slot n % IMAGES or n % LISTS.
     reg [7:0] pixels [0:IMAGES*PIXELS-1];
-    reg [37:0] marks [0:LISTS*LENGTH-1];
+    reg [37:0] spots [0:LISTS*LENGTH-1];
     reg [1023:0] path;
     integer record;
     integer log;
     initial begin
         if ($value$plusargs("pixels=%s", path) != 0) $readmemh(path, pixels);
-        if ($value$plusargs("marks=%s", path) != 0) $readmemh(path, marks);
+        if ($value$plusargs("spots=%s", path) != 0) $readmemh(path, spots);
         if ($value$plusargs("record=%s", path) != 0) record = $fopen(path, "wb");
         if ($value$plusargs("log=%s", path) != 0) log = $fopen(path, "w");
     end
@@ -55,12 +55,12 @@ module screen_rig #(
     reg i_valid = 0;
     reg [10:0] i_payload = 0;
     wire texture = pairs && number[0];
-    reg [31:0] wait_marks = 0;
-    reg marking = 0;
+    reg [31:0] wait_spots = 0;
+    reg listing = 0;
     reg [31:0] place = 0;
-    reg [15:0] marks_number = 0;
-    reg marks_valid = 0;
-    reg [37:0] marks_payload = 0;
+    reg [15:0] overlay_number = 0;
+    reg overlay_valid = 0;
+    reg [37:0] overlay_payload = 0;
 
     always @(posedge clk) if (!rst) begin
         i_valid <= 0;
@@ -79,27 +79,27 @@ module screen_rig #(
                     pause <= blanking;
                     number <= number + 1;
                     if (!texture) begin
-                        wait_marks <= delay + 1;
-                        marks_number <= number;
+                        wait_spots <= delay + 1;
+                        overlay_number <= number;
                     end
                 end
             end
         end
 
-        marks_valid <= 0;
-        if (wait_marks != 0) begin
-            wait_marks <= wait_marks - 1;
-            if (wait_marks == 1) begin
-                marking <= 1;
+        overlay_valid <= 0;
+        if (wait_spots != 0) begin
+            wait_spots <= wait_spots - 1;
+            if (wait_spots == 1) begin
+                listing <= 1;
                 place <= 0;
             end
-        end else if (marking) begin
-            marks_valid <= 1;
-            marks_payload <= marks[(marks_number % LISTS) * LENGTH + place];
+        end else if (listing) begin
+            overlay_valid <= 1;
+            overlay_payload <= spots[(overlay_number % LISTS) * LENGTH + place];
             place <= place + 1;
-            if (marks[(marks_number % LISTS) * LENGTH + place][0]) begin
-                marking <= 0;
-                $fwrite(log, "marks %0d %0d\n", marks_number, now);
+            if (spots[(overlay_number % LISTS) * LENGTH + place][0]) begin
+                listing <= 0;
+                $fwrite(log, "spots %0d %0d\n", overlay_number, now);
             end
         end
     end
@@ -124,7 +124,7 @@ module screen_rig #(
     wire [$clog2(PIXELS)-1:0] address_read;
     wire [$clog2(WIDTH)-1:0] column;
     wire [$clog2(HEIGHT)-1:0] row, fetch_row;
-    wire [7:0] data, unmarked, broken, skipped, unread;
+    wire [7:0] data, undrawn, broken, skipped, unread;
 
     // What a store in an external memory also tells.
     wire [7:0] late;
@@ -148,8 +148,8 @@ module screen_rig #(
 
     vga vga (
         .clk(clk), .rst(rst), .display_clk(display_clk), .display_rst(rst),
-        .marks_valid(marks_valid), .marks_payload(marks_payload), .marks_number(marks_number),
-        .unmarked(unmarked), .acquire(acquire), .held(held), .frame(frame),
+        .overlay_valid(overlay_valid), .overlay_payload(overlay_payload), .overlay_number(overlay_number),
+        .undrawn(undrawn), .acquire(acquire), .held(held), .frame(frame),
         .fetch(fetch), .fetch_row(fetch_row), .turn(turn), .row(row), .column(column),
         .address(address_read), .data(data), .hsync(hsync), .vsync(vsync), .visible(visible),
         .red(red), .green(green), .blue(blue)

@@ -8,14 +8,14 @@ import numpy as np
 from hdl.acquisition.frame_memory import FrameMemory
 from hdl.display.vga import VGA
 from hdl.export import to_verilog
-from model.display.vga import screen
+from model.display.vga import display
 from tb.display.monitor import Monitor
 from tb.hdlsim import run
 
 __all__ = ["LENGTH", "Show", "play"]
 
 RIG = Path(__file__).with_name("screen_rig.v")
-#: Places of a list of marks, its end included.
+#: Words of a list of spots, its end included.
 LENGTH = 160
 #: Clocks in which a frame or list that ends may be seen by a request, or not.
 UNSURE = 30
@@ -27,13 +27,13 @@ BLANKING = 45 * 800
 class Show:
     """What was seen, screen by screen.
 
-    ``numbers`` has the frame's number or None, ``marked`` whether its spots were marked. ``torn``
+    ``numbers`` has the frame's number or None, ``overlaid`` whether its overlay was there. ``torn``
     counts the screens that are no frame's picture at all.
     """
 
     pictures: list
     numbers: list = field(default_factory=list)
-    marked: list = field(default_factory=list)
+    overlaid: list = field(default_factory=list)
     torn: int = 0
 
 
@@ -66,9 +66,9 @@ def play(request, folder, images, lists, screens, pairs=True, stores=None, colou
     for place, spots in enumerate(lists):
         words[place, :len(spots)] = [2 * ok | u << 2 | v << 20 for u, v, ok in spots]
         words[place, len(spots)] = 1
-    _hex(folder / "marks.hex", words.ravel(), 10)
+    _hex(folder / "spots.hex", words.ravel(), 10)
     files = {name: folder / f"{name}.{kind}" for name, kind in (
-        ("pixels", "hex"), ("marks", "hex"), ("record", "bin"), ("log", "txt"))}
+        ("pixels", "hex"), ("spots", "hex"), ("record", "bin"), ("log", "txt"))}
     sram = stores is not None
     stores = stores or {
         "frame_store.v": to_verilog(FrameMemory(width, height, 3), "frame_store")}
@@ -86,7 +86,7 @@ def play(request, folder, images, lists, screens, pairs=True, stores=None, colou
     pins = np.fromfile(files["record"], np.uint8).reshape(-1, 4)
     red, green, blue, flags = pins.T
     monitor = Monitor(red, green, blue, flags & 1, flags >> 1 & 1, flags >> 2 & 1)
-    ended = {"frame": {}, "marks": {}}
+    ended = {"frame": {}, "spots": {}}
     for line in files["log"].read_text().splitlines():
         kind, number, clock = line.split()
         ended[kind][int(number)] = int(clock)
@@ -94,31 +94,31 @@ def play(request, folder, images, lists, screens, pairs=True, stores=None, colou
     show = Show(monitor.pictures)
     for picture, start in zip(monitor.pictures, monitor.starts, strict=True):
         asked = start - BLANKING
-        number, marked = _recognise(picture, asked, ended, images, lists, pairs, colour_bits)
+        number, overlaid = _recognise(picture, asked, ended, images, lists, pairs, colour_bits)
         show.torn += number == "torn"
         show.numbers.append(number)
-        show.marked.append(marked)
+        show.overlaid.append(overlaid)
     return show
 
 
 def _recognise(picture, asked, ended, images, lists, pairs, colour_bits):
-    """Number of the frame that was on the screen, and whether with marks; or "torn"."""
+    """Number of the frame that was on the screen, and whether with its overlay; or "torn"."""
     frames = [number for number, clock in ended["frame"].items() if clock < asked - UNSURE]
     newest = max(frames, default=None)
     also = [number for number, clock in ended["frame"].items()
             if abs(clock - asked) <= UNSURE]
     for number in [newest, *also]:
         if number is None:
-            if np.array_equal(picture, screen(None)):
+            if np.array_equal(picture, display(None)):
                 return None, False
             continue
         owner = number - (pairs and number % 2)
-        clock = ended["marks"].get(owner, 1 << 60)
-        for marked in (True, False):
-            if (clock > asked + UNSURE) if marked else (clock < asked - UNSURE):
+        clock = ended["spots"].get(owner, 1 << 60)
+        for overlaid in (True, False):
+            if (clock > asked + UNSURE) if overlaid else (clock < asked - UNSURE):
                 continue  # its list had not ended, or had
-            spots = lists[owner % len(lists)] if marked else ()
-            if np.array_equal(picture, screen(
+            spots = lists[owner % len(lists)] if overlaid else ()
+            if np.array_equal(picture, display(
                     images[number % len(images)], spots, colour_bits=colour_bits)):
-                return number, marked
+                return number, overlaid
     return "torn", False

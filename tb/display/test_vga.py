@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hdl.display.vga import VGA
-from model.display.vga import place
+from model.display.vga import scale_and_origin
 from tb.acquisition.bank_faults import planted
 from tb.display.screens import play
 from tb.display.stores import sram_store
@@ -45,7 +45,7 @@ def test_cif_frames(request, tmp_path, seed):
     show = play(request, tmp_path, images, lists, 33, sync_ps=62_500, period=2,
                 blanking=320_000 - 2 * 352 * 288, delay=3000)
     assert check(show, 33) >= 25
-    assert all(show.marked[1:])
+    assert all(show.overlaid[1:])
 
 
 @pytest.mark.parametrize("seed", [2])
@@ -58,7 +58,7 @@ def test_more_frames_than_screens(request, tmp_path, seed):
     show = play(request, tmp_path, images, lists, 32, pairs=False, sync_ps=17_000, period=1,
                 blanking=8, delay=1500)
     assert check(show, 32) >= 30
-    assert 0 < sum(show.marked) < 31
+    assert 0 < sum(show.overlaid) < 31
 
 
 @pytest.mark.parametrize("seed", [3])
@@ -79,7 +79,7 @@ def test_frames_in_external_memory(request, tmp_path, seed):
     show = play(request, tmp_path, images, lists, 32, stores=sram_store(352, 288),
                 sync_ps=62_500, period=2, blanking=320_000 - 2 * 352 * 288, delay=3000)
     assert check(show, 32) >= 25
-    assert all(show.marked[1:])
+    assert all(show.overlaid[1:])
 
 
 @pytest.mark.parametrize("seed", [4])
@@ -107,4 +107,4 @@ def test_refuses_parameters(arguments, error):
 @pytest.mark.parametrize("size, scale", [((352, 288), 1), ((64, 64), 7), ((101, 37), 6),
                                          ((320, 240), 2), ((512, 480), 1)])
 def test_scale(size, scale):
-    assert VGA(*size).scale == scale == place(*size)[0]
+    assert VGA(*size).scale == scale == scale_and_origin(*size)[0]

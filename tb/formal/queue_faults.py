@@ -65,7 +65,7 @@ FAULTS = (
         ("fetch.eq(~push & ", "fetch.eq(")), ("order",), "point_fifo"),
     Fault("point_fifo: a point comes out twice", _POINTS, "PointFIFO", _small(
         ("read_place.eq(read_place + 1)", "read_place.eq(read_place)")), ("order",), "point_fifo"),
-    Fault("spot_queue: no places for end marks", _SPOTS, "SpotQueue", (
+    Fault("spot_queue: no places for end markers", _SPOTS, "SpotQueue", (
         ("self.depth - _END_PLACES", "self.depth"),), ("order", "room_for_ends"), "spot_queue",
         {"depth": 8}),
     Fault("spot_queue: dropped spots are not counted", _SPOTS, "SpotQueue", (

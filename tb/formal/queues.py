@@ -150,7 +150,7 @@ def _spot_queue(m, queue, g, inside, top):
     formal.claim(m, "nothing_more", ~queue.o.valid | (token.inside != 0))
     formal.claim(m, "nothing_lost", token.inside == g["level"] + g["held"])
 
-    # No more than four frames are on their way, so no more than four end marks are in the memory.
+    # No more than four frames are on their way, so no more than four end markers are in the memory.
     fetched = Signal()
     ends_before, ends_inside = Signal(4), Signal(4)
     leaves = fetched & g["shown"][0] & (ends_before != 0)
@@ -162,7 +162,7 @@ def _spot_queue(m, queue, g, inside, top):
     formal.claim(m, "link_room", (g["level"] <= queue.depth - 4 + ends_inside)
                  & (ends_inside <= 4))
 
-    # Each end mark has its counters told once, before it is taken.
+    # Each end marker has its counters told once, before it is taken.
     was_valid, was_taken = Signal(reset_less=True), Signal(reset_less=True)
     told = Signal(reset_less=True)
     new = Signal()

@@ -218,7 +218,7 @@ def _image_bank(m, block, g, inside):
     begins = Signal()
     m.d.comb += begins.eq(block.i.valid & ~owned)
     with m.If(block.i.valid):
-        m.d.sync += owned.eq(~block.i.p.mark.frame_end)
+        m.d.sync += owned.eq(~block.i.p.marker.frame_end)
     formal.assume(m, "begins_while_free", ~begins | block.free)
     formal.claim(m, "link_owned", ~(block.stored.valid & (owned | block.free)))
     formal.claim(m, "link_free", ~(owned & block.free))
@@ -282,7 +282,7 @@ def _texture(m, block, g, inside):
     # A frame comes if its announcement was taken, in the clock of its first pixel.
     inside_frame = Signal()
     with m.If(block.i.valid):
-        m.d.sync += inside_frame.eq(~block.i.p.mark.frame_end)
+        m.d.sync += inside_frame.eq(~block.i.p.marker.frame_end)
     formal.assume(m, "announced", ~block.i.valid | inside_frame
                   | (block.info.valid & block.info.ready))
     state = g["fsm_state"]

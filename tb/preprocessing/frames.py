@@ -7,7 +7,7 @@ from tb.native_block import pack
 
 __all__ = ["BROKEN_GREY", "BROKEN_MASK", "grey_words", "mask_words"]
 
-_BROKEN = {"mark_line_end": [1], "mark_frame_end": [1], "mark_broken": [1]}
+_BROKEN = {"marker_line_end": [1], "marker_frame_end": [1], "marker_broken": [1]}
 BROKEN_GREY = pack(GreyPixel, **_BROKEN)
 BROKEN_MASK = pack(MaskPixel, **_BROKEN)
 
@@ -17,7 +17,7 @@ def _marks(shape):
     line_end[:, -1] = True
     frame_end = np.zeros(shape, bool)
     frame_end[-1, -1] = True
-    return {"mark_line_end": line_end.ravel(), "mark_frame_end": frame_end.ravel()}
+    return {"marker_line_end": line_end.ravel(), "marker_frame_end": frame_end.ravel()}
 
 
 def grey_words(image):

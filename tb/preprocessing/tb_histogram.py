@@ -115,7 +115,7 @@ async def ends_are_told(dut):
             told[int(done), int(lost)] += 1
 
     cocotb.start_soon(watch())
-    end = pack(GreyPixel, grey=[9], mark_line_end=[1], mark_frame_end=[1])
+    end = pack(GreyPixel, grey=[9], marker_line_end=[1], marker_frame_end=[1])
     rng = np.random.default_rng(1)
     for _ in range(20):
         await bench.show(np.concatenate([pack(GreyPixel, grey=[1, 2]), end, BROKEN_GREY, end]),

@@ -19,12 +19,12 @@ WIDTH, HEIGHT = P["width"], P["height"]
 def words_of(lit, core, excess):
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     words = pack(MaskPixel, lit=lit.ravel(), core=core.ravel(), excess=excess.ravel(),
-                 mark_line_end=(u == WIDTH - 1).ravel(),
-                 mark_frame_end=((u == WIDTH - 1) & (v == HEIGHT - 1)).ravel())
+                 marker_line_end=(u == WIDTH - 1).ravel(),
+                 marker_frame_end=((u == WIDTH - 1) & (v == HEIGHT - 1)).ravel())
     return [int(word) for word in words[:, 0]]
 
 
-BROKEN = int(pack(MaskPixel, mark_line_end=1, mark_frame_end=1, mark_broken=1)[0, 0])
+BROKEN = int(pack(MaskPixel, marker_line_end=1, marker_frame_end=1, marker_broken=1)[0, 0])
 
 
 def random_frame(rng, weighted):

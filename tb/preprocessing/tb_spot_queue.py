@@ -7,7 +7,7 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
-from model.preprocessing.spot_queue import screen
+from model.preprocessing.spot_queue import filter_spots
 from tb.harness import Bench, parameters
 
 SEED, DEPTH = parameters()["seed"], parameters()["depth"]
@@ -31,7 +31,7 @@ def word(spot):
 
 def kept(spots, settings):
     """Words of what a queue without end would send of a frame, and its counts."""
-    queued, counts = screen(np.array(spots, SPOT), settings)
+    queued, counts = filter_spots(np.array(spots, SPOT), settings)
     return [int(s["rejected"]) << 1 | int(s["area"]) << 2 | int(s["weight"]) << 10
             | int(s["sum_u"]) << 26 | int(s["sum_v"]) << 51 for s in queued], counts
 
@@ -102,7 +102,7 @@ async def a_word_a_clock(dut):
     await ClockCycles(dut.clk, DEPTH + 5)
     clocks, got = zip(*bench.o.words, strict=True)
     assert list(got) == [*kept(spots, bench.settings)[0], END]
-    # The end mark waits a clock for its counts.
+    # The end marker waits a clock for its counts.
     assert np.diff(clocks).tolist() == [1] * (DEPTH - 5) + [2]
 
 
@@ -180,7 +180,7 @@ async def lossy_frames_balance(dut, gap, stall, report_rejected):
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 async def end_marks_find_room(dut):
-    """Four end marks fit behind a full queue, and each keeps its own counts."""
+    """Four end markers fit behind a full queue, and each keeps its own counts."""
     bench = Rig(dut)
     await bench.reset()
     bench.o.stall = 1.0
@@ -201,7 +201,7 @@ async def end_marks_find_room(dut):
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 async def counts_come_first(dut):
-    """Counts are valid when the end mark is; the next end mark waits until they are taken."""
+    """Counts are valid when the end marker is; the next end marker waits until they are taken."""
     bench = Rig(dut)
     await bench.reset()
     bench.counts.stall = 1.0

@@ -13,7 +13,7 @@ class ThresholdBench(Bench):
 
     def __init__(self, dut, counts=None, **plain):
         super().__init__(dut, inputs=(), outputs=(), plain={
-            "closed": 0, "done": 0, "lost": 0, "count": 0, "alpha": 80, "fixed": 0,
+            "closed": 0, "done": 0, "lost": 0, "count": 0, "threshold_alpha": 80, "fixed": 0,
             "fixed_level": 0, **plain})
         self.counts = counts
         cocotb.start_soon(self._bins())
@@ -53,7 +53,7 @@ async def levels_match_model(dut):
     cases += [(f"random {number}", random_counts(rng, pixels), int(alpha)) for number, alpha in
               enumerate(rng.choice([0, 1, 15, 16, 48, 80, 128, 255], 40))]
     for name, counts, alpha in cases:
-        dut.alpha.value = alpha
+        dut.threshold_alpha.value = alpha
         got, wanted = await bench.learn(counts), threshold(counts, alpha)
         assert got == wanted, f"{name}, alpha {alpha / 16}: {got}, not {wanted}"
 
@@ -65,15 +65,15 @@ async def only_a_whole_frame_teaches(dut):
     bench = ThresholdBench(dut)
     await bench.reset()
     await RisingEdge(dut.clk)
-    assert not dut.learnt.value
+    assert not dut.threshold_valid.value
     await bench.learn(random_counts(rng, pixels), 400, "lost")
-    assert not dut.learnt.value
+    assert not dut.threshold_valid.value
     await bench.pulse("done")
     await RisingEdge(dut.clk)
-    assert not dut.learnt.value
+    assert not dut.threshold_valid.value
     counts = random_counts(rng, pixels)
     level = await bench.learn(counts)
-    assert level == threshold(counts, 80) and dut.learnt.value
+    assert level == threshold(counts, 80) and dut.threshold_valid.value
     for clocks in (1, 2, 3, 5, 100, 261, 262, 263, 300, 500, 520, 600, Threshold.latency):
         other = random_counts(rng, pixels)
         assert await bench.learn(other, clocks, "lost") == level
@@ -108,10 +108,10 @@ async def fixed_level(dut):
     bench = ThresholdBench(dut, fixed=1, fixed_level=123)
     await bench.reset()
     await RisingEdge(dut.clk)
-    assert dut.level.value == 123 and dut.learnt.value
+    assert dut.level.value == 123 and dut.threshold_valid.value
     await bench.learn(directed(parameters()["pixels"])["grey 77"])
     assert dut.level.value == 123
     dut.fixed.value = 0
     await RisingEdge(dut.clk)
     await RisingEdge(dut.clk)
-    assert dut.level.value == 78 and dut.learnt.value
+    assert dut.level.value == 78 and dut.threshold_valid.value

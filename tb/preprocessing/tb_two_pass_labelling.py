@@ -12,7 +12,7 @@ from tb.native_block import pack, unpack
 
 P = parameters()
 WIDTH, HEIGHT, LABELS = P["width"], P["height"], P["labels"]
-BROKEN = int(pack(MaskPixel, mark_line_end=1, mark_frame_end=1, mark_broken=1)[0, 0])
+BROKEN = int(pack(MaskPixel, marker_line_end=1, marker_frame_end=1, marker_broken=1)[0, 0])
 
 
 def random_frame(rng):
@@ -20,8 +20,8 @@ def random_frame(rng):
     core = lit & (rng.random(lit.shape) < 0.2)
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     words = pack(MaskPixel, lit=lit.ravel(), core=core.ravel(),
-                 mark_line_end=(u == WIDTH - 1).ravel(),
-                 mark_frame_end=((u == WIDTH - 1) & (v == HEIGHT - 1)).ravel())
+                 marker_line_end=(u == WIDTH - 1).ravel(),
+                 marker_frame_end=((u == WIDTH - 1) & (v == HEIGHT - 1)).ravel())
     return [int(word) for word in words[:, 0]], *components_in_two_passes(lit, core, LABELS)
 
 

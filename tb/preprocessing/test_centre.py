@@ -42,7 +42,7 @@ def test_centre(request, seed):
 
 @pytest.mark.parametrize("stall,seed", [(0.0, 1), (0.95, 2)])
 def test_every_weight(stall, seed):
-    """All weights, with sums from 0 to the largest, end marks in between."""
+    """All weights, with sums from 0 to the largest, end markers in between."""
     rng = np.random.default_rng(seed)
     weight = np.concatenate([np.arange(1, 65281), rng.integers(1, 256, 20_000)])
     count = len(weight)

@@ -74,25 +74,25 @@ def test_one_pixel_a_clock_and_flush_by_itself():
 def test_broken_frames_are_forgotten(gap, stall, seed):
     rng = np.random.default_rng(seed)
     width, height = 16, 10
-    sent, wanted, marks = [], [], []
+    sent, wanted, masks = [], [], []
     for _ in range(40):
         lit, excess = random_mask(rng, height, width)
         words = mask_words(lit, lit, excess)
         if rng.random() < 0.5:
             cut = rng.choice([0, 1, 2, width - 1, width, width + 1, 2 * width, len(words) - 1])
             sent += [words[:cut], BROKEN_MASK]
-            marks.append(None)
+            masks.append(None)
         else:
             sent.append(words)
-            marks.append(expected_words(lit, excess, "gate"))
+            masks.append(expected_words(lit, excess, "gate"))
     block = NativeBlock(Erosion(width))
     block.reset()
     block.set(mode=2)
     beats = block.stream(np.concatenate(sent), gap, stall, seed, idle=8 * width)
     fields = beats.fields(MaskPixel)
-    ends = np.flatnonzero(fields["mark_frame_end"]) + 1
-    assert len(ends) == len(marks)
-    for frame, wanted in zip(np.split(beats.words, ends[:-1]), marks, strict=True):
+    ends = np.flatnonzero(fields["marker_frame_end"]) + 1
+    assert len(ends) == len(masks)
+    for frame, wanted in zip(np.split(beats.words, ends[:-1]), masks, strict=True):
         if wanted is None:
             assert np.array_equal(frame[-1], BROKEN_MASK[0])
         else:

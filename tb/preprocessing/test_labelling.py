@@ -46,11 +46,11 @@ def beats(lit, core, excess):
     frame_end = np.zeros(lit.shape, bool)
     frame_end[:, -1, -1] = True
     words = pack(MaskPixel, lit=lit.ravel(), core=core.ravel(), excess=excess.ravel(),
-                 mark_line_end=line_end.ravel(), mark_frame_end=frame_end.ravel())
+                 marker_line_end=line_end.ravel(), marker_frame_end=frame_end.ravel())
     return words.reshape(len(lit), -1, words.shape[1])
 
 
-BROKEN = pack(MaskPixel, mark_line_end=1, mark_frame_end=1, mark_broken=1)
+BROKEN = pack(MaskPixel, marker_line_end=1, marker_frame_end=1, marker_broken=1)
 
 
 def frames_of(fields):

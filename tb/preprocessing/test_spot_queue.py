@@ -7,7 +7,7 @@ import pytest
 from hdl.payloads import QueuedSpot, Spot
 from hdl.preprocessing.spot_queue import SpotQueue
 from model.preprocessing.labelling import SPOT_DTYPE
-from model.preprocessing.spot_queue import screen
+from model.preprocessing.spot_queue import filter_spots
 from tb.hdlsim import run
 from tb.native_block import NativeBlock, pack
 
@@ -50,12 +50,12 @@ def test_model_screens():
     spots["core"] = [1, 1, 1, 1, 1, 0]
     spots["weight"] = [7, 8, 9, 10, 0, 11]
     settings = SimpleNamespace(area_min=3, area_max=9, report_rejected=False)
-    queued, counts = screen(spots, settings)
+    queued, counts = filter_spots(spots, settings)
     assert queued["weight"].tolist() == [8, 9]
     assert not queued["rejected"].any()
     assert counts == {"spots": 6, "rejected": 4, "dropped": 0}
     settings.report_rejected = True
-    queued, counts = screen(spots, settings)
+    queued, counts = filter_spots(spots, settings)
     assert queued["weight"].tolist() == [7, 8, 9, 10, 11]
     assert queued["rejected"].tolist() == [True, False, False, True, True]
     assert counts == {"spots": 6, "rejected": 1, "dropped": 0}

@@ -28,7 +28,7 @@ class Learner(wiring.Component):
         self.width, self.height, self.whole = width, height, whole
         super().__init__({
             "i": In(stream.Signature(GreyPixel)), "o": Out(stream.Signature(GreyPixel)),
-            "alpha": In(8), "level": Out(8), "learnt": Out(1)})
+            "threshold_alpha": In(8), "level": Out(8), "threshold_valid": Out(1)})
 
     def elaborate(self, platform):
         m = Module()
@@ -44,7 +44,8 @@ class Learner(wiring.Component):
             level.closed.eq(bins.closed),
             level.done.eq(level.known if self.whole else bins.done), level.lost.eq(bins.lost),
             bins.address.eq(level.address), level.count.eq(bins.count),
-            level.alpha.eq(self.alpha), self.level.eq(level.level), self.learnt.eq(level.learnt)]
+            level.threshold_alpha.eq(self.threshold_alpha), self.level.eq(level.level),
+            self.threshold_valid.eq(level.threshold_valid)]
         return m
 
 
@@ -68,13 +69,13 @@ def test_frames_without_blanking(width, height, frames, gap):
     level = None
     for number, image in enumerate(images):
         alpha = int(rng.choice([16, 48, 80, 255]))
-        block.set(alpha=alpha)
+        block.set(threshold_alpha=alpha)
         words = grey_words(image)
         for part in np.split(words, np.sort(rng.integers(1, len(words), 3))):
             assert level is None or block.get("level") == level
             block.stream(part, gap, seed=number)
         level = threshold(histogram(image), alpha)
-        assert (block.get("level"), block.get("learnt")) == (level, 1), f"frame {number}"
+        assert (block.get("level"), block.get("threshold_valid")) == (level, 1), f"frame {number}"
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -82,8 +83,8 @@ def test_a_lost_frame_costs_no_other(seed):
     rng = np.random.default_rng(seed)
     block = NativeBlock(Learner(64, 64))
     block.reset()
-    block.set(alpha=80)
-    level, learnt = block.get("level"), 0
+    block.set(threshold_alpha=80)
+    level, valid = block.get("level"), 0
     for number in range(60):
         words = grey_words(image := random_frame(64, 64, int(rng.integers(1000))))
         if rng.random() < 0.5:
@@ -91,8 +92,9 @@ def test_a_lost_frame_costs_no_other(seed):
             block.stream(np.concatenate([words[:cut], BROKEN_GREY]), seed=number)
         else:
             block.stream(words, seed=number)
-            level, learnt = threshold(histogram(image), 80), 1
-        assert (block.get("level"), block.get("learnt")) == (level, learnt), f"frame {number}"
+            level, valid = threshold(histogram(image), 80), 1
+        assert (block.get("level"), block.get("threshold_valid")) == (level, valid), (
+            f"frame {number}")
 
 
 @pytest.mark.parametrize("width,height,frames,gap", [
@@ -108,7 +110,7 @@ def test_whole_frames(width, height, frames, gap):
     level = None
     for number, image in enumerate(images):
         alpha = int(rng.choice([16, 48, 80, 255]))
-        block.set(alpha=alpha)
+        block.set(threshold_alpha=alpha)
         words = grey_words(image)
         if rng.random() < 0.3:
             cut = int(rng.integers(1, len(words)))
@@ -117,7 +119,7 @@ def test_whole_frames(width, height, frames, gap):
         assert level is None or block.get("level") == level
         block.stream(words[:0], idle=Threshold.latency + 2)
         level = threshold(histogram(image, whole=True), alpha)
-        assert (block.get("level"), block.get("learnt")) == (level, 1), f"frame {number}"
+        assert (block.get("level"), block.get("threshold_valid")) == (level, 1), f"frame {number}"
         start = block.clocks
         taken = block.stream(words[:1]).taken[0] - start
         assert taken <= 260, "the bins take too long to be cleared"

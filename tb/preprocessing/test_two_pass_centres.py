@@ -13,7 +13,7 @@ from hdl.payloads import Centre, MaskPixel
 from hdl.preprocessing.centre import Centring
 from hdl.preprocessing.spot_queue import SpotQueue
 from model.preprocessing.centre import centres
-from model.preprocessing.spot_queue import screen
+from model.preprocessing.spot_queue import filter_spots
 from model.preprocessing.two_pass_labelling import label_in_two_passes
 from model.settings import Settings
 from tb.native_block import NativeBlock
@@ -81,9 +81,9 @@ def test_centres(interval, report_rejected):
 
     totals = dict.fromkeys(("spots", "rejected", "dropped"), 0)
     missing = 0
-    for name, mask, marks, found in zip(names, lit, core, frames, strict=True):
-        spots, dropped = label_in_two_passes(mask, marks, LABELS)
-        queued, counts = screen(spots, settings)
+    for name, mask, cores, found in zip(names, lit, core, frames, strict=True):
+        spots, dropped = label_in_two_passes(mask, cores, LABELS)
+        queued, counts = filter_spots(spots, settings)
         u, v = centres(queued, reciprocal_table())
         want = list(zip(queued["rejected"].tolist(), queued["area"].tolist(), u.tolist(),
                         v.tolist(), strict=True))

@@ -17,7 +17,7 @@ from tb.preprocessing.labelling_images import bitmaps_4x4, directed, noise, tile
 from tb.preprocessing.two_pass_rig import TwoPassPins, TwoPassRig
 
 SMALL, CIF = (64, 64), (288, 352)
-BROKEN = pack(MaskPixel, mark_line_end=1, mark_frame_end=1, mark_broken=1)
+BROKEN = pack(MaskPixel, marker_line_end=1, marker_frame_end=1, marker_broken=1)
 #: Every frame of 352 x 288 has its labels.
 ALL_LABELS = 25344
 
@@ -41,7 +41,7 @@ def beats(lit, core):
     line_end[:, :, -1] = True
     frame_end[:, -1, -1] = True
     words = pack(MaskPixel, lit=lit.ravel(), core=core.ravel(), excess=77 * lit.ravel(),
-                 mark_line_end=line_end.ravel(), mark_frame_end=frame_end.ravel())
+                 marker_line_end=line_end.ravel(), marker_frame_end=frame_end.ravel())
     return words.reshape(len(lit), -1, words.shape[1])
 
 

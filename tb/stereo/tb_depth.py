@@ -115,7 +115,7 @@ async def largest_values(dut):
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(value=[0, 5 << 12, BETA_LIMIT - 1, -BETA_LIMIT])
 async def other_statuses_pass(dut, value):
-    """Noise, ambiguous and rejected spots, and end marks, whatever the table says."""
+    """Noise, ambiguous and rejected spots, and end markers, whatever the table says."""
     bench = Rig(dut, pack_depth([0] * 128, [value] * 128))
     await bench.reset()
     rng = random.Random(3)

@@ -93,7 +93,7 @@ class PaperRig(wiring.Component):
             points.table_data.eq(self.i.p.table.word),
             self.i.ready.eq(table | (pixel & gate.i.ready)
                             | (memory & port.command[2].ready)),
-            gate.learnt.eq(1),
+            gate.threshold_valid.eq(1),
             points.i.valid.eq(gate.o.valid),
             points.i.payload.eq(gate.o.payload),
             gate.o.ready.eq(1),

@@ -261,7 +261,7 @@ def test_bad_calibration_is_told_in_a_sentence(tmp_path, capsys):
 def test_payload_fields_are_spelt_out():
     table = export.payloads(component_of(find("binarise")))
     assert table["i_payload"] == (
-        "grey 7..0, mark.line_end 8, mark.frame_end 9, mark.broken 10")
+        "grey 7..0, marker.line_end 8, marker.frame_end 9, marker.broken 10")
 
 
 def test_memories_are_read_from_verilog():

@@ -72,14 +72,14 @@ def test_pairs_at_video_rate(config, pairs, spots):
 
 
 def test_a_spot_without_a_mark_is_told():
-    """The screen marks 128 spots of a frame; there are 196."""
+    """The overlay draws 128 spots of a frame; there are 196."""
     row, column = np.mgrid[:64, :64]
     image = np.where((row % 4 < 2) & (column % 4 < 2) & (row < 56) & (column < 56), 200, 20)
     settings = settings_of(SLOW, erosion="off", area_min=1, level_fixed=100)
     whole = Whole(SMALL, settings, [image.astype(np.uint8)], points_max=0, mode=3)
     whole.run(90_000)
     assert any(frame.spots > 128 for frame in whole.frames)
-    assert whole.commands.status()["screen"] == 1 << SCREEN_FAULTS.index("mark")
+    assert whole.commands.status()["screen"] == 1 << SCREEN_FAULTS.index("overlay")
 
 
 def test_a_broken_frame_costs_no_other():

@@ -8,7 +8,7 @@ import pytest
 
 from hdl.config import PRESETS
 from hdl.paper import Paper
-from model.display.vga import screen
+from model.display.vga import display
 from model.paper import Paper as PaperModel
 from model.preprocessing.remap import remap
 from scripts.simulation.engine import ModelEngine, RTLEngine
@@ -116,13 +116,13 @@ def test_screen_shows_the_corrected_frame_and_its_spots():
     settings = settings_of(SMALL, report_rejected=False)
     engine = Engine(settings, SMALL, watched=True)
     model = PaperModel(settings, 64, 64)
-    wanted = [screen(None)]
+    wanted = [display(None)]
     for seed in range(3):
         image = spot_frame(64, 64, seed, spots=12)
         list(engine.frames([image]))
         engine.idle(2 * SCREEN_CLOCKS * 1024 // SCREEN_RATE)
         points = model.frame(image).points
-        wanted.append(screen(remap(image, settings.remap), [
+        wanted.append(display(remap(image, settings.remap), [
             (int(point["u"]), int(point["v"]), point["status"] == 0) for point in points]))
     shown = Monitor(*engine.seen()).pictures
     kinds = [next((index for index, picture in enumerate(wanted)

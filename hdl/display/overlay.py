@@ -1,4 +1,4 @@
-"""Marks around spots, drawn row by row."""
+"""Diamonds around spots, drawn row by row over the picture."""
 
 from amaranth import *
 from amaranth.lib import data, enum, stream, wiring
@@ -6,17 +6,17 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from ..acquisition.frame_banks import FrameBanks
-from ..payloads import COORDINATE_BITS, FRACTION_BITS, SpotMark
+from ..payloads import COORDINATE_BITS, FRACTION_BITS, OverlaySpot
 
-__all__ = ["MARKS", "MarkColour", "Marks"]
+__all__ = ["DIAMONDS", "OverlayColour", "Overlay"]
 
-#: Marks of a frame.
-MARKS = 128
+#: Spots of a frame that are drawn.
+DIAMONDS = 128
 _COUNT_BITS = 8
 _PLACE_BITS = COORDINATE_BITS - FRACTION_BITS + 1  # the last half pixel rounds up
 
 
-class MarkColour(enum.Enum, shape=2):
+class OverlayColour(enum.Enum, shape=2):
     """What a pixel shows."""
 
     NONE = 0
@@ -25,28 +25,28 @@ class MarkColour(enum.Enum, shape=2):
 
 
 class _List(data.Struct):
-    """What is known of a list of marks."""
+    """What is known of a list of diamonds."""
 
     number: 16
     count: _COUNT_BITS
 
 
 class _Place(data.Struct):
-    """The pixel in the middle of a mark."""
+    """The pixel in the middle of a diamond."""
 
     ok: 1
     column: _PLACE_BITS
     row: _PLACE_BITS
 
 
-class Marks(wiring.Component):
+class Overlay(wiring.Component):
     """Keeps lists of spots, one for each frame, and draws open diamonds around them.
 
     Lists come in the domain ``sync``, a spot in a clock if need be, and are drawn in the domain
     ``display``; a :class:`.FrameBanks` of three banks stands between, so no list is ever refused,
     and none is seen before its end. A diamond has the pixels at a distance ``reach`` from the pixel
     that its spot's centre is in, rows and columns added; what is outside the picture is not drawn.
-    So each diamond has two pixels in a row, and a row is drawn in ``width`` + 2 ``MARKS`` + 6
+    So each diamond has two pixels in a row, and a row is drawn in ``width`` + 2 ``DIAMONDS`` + 6
     clocks at most, while the row before is shown. Where diamonds meet, the later one is seen.
 
     Parameters
@@ -59,12 +59,12 @@ class Marks(wiring.Component):
 
     Members
     -------
-    i : :py:`In(stream.Signature(SpotMark, always_ready=True))`
-        Spots of a frame, then a mark that has ``end``.
+    i : :py:`In(stream.Signature(OverlaySpot, always_ready=True))`
+        Spots of a frame, then an end marker.
     number : :py:`In(16)`
         Number of that frame, heard with the ``end``.
-    unmarked : :py:`Out(8)`
-        Spots beyond the 128th of their list, which are not marked. It stops at 255.
+    undrawn : :py:`Out(8)`
+        Spots beyond the 128th of their list, which are not drawn. It stops at 255.
     acquire : :py:`In(1)`
         Go on with the newest list (``display``, like all that follow).
     held : :py:`Out(1)`
@@ -76,12 +76,12 @@ class Marks(wiring.Component):
     prepare_row : :py:`In(range(height))`
         Number of that row. Rows with odd and even numbers have a place each.
     enable : :py:`In(1)`
-        If low in the clock of ``prepare``, that row gets no marks.
+        If low in the clock of ``prepare``, that row gets no diamonds.
     odd : :py:`In(1)`
         Which of the two rows to show.
     column : :py:`In(range(width))`
         Which of its pixels.
-    colour : :py:`Out(MarkColour)`
+    colour : :py:`Out(OverlayColour)`
         Its colour, two clocks later.
     """
 
@@ -93,12 +93,13 @@ class Marks(wiring.Component):
                 raise ValueError(f"Frame {name} must be an integer from 2 to 512, not {value!r}")
         reach = (3 if width <= 128 else 5) if reach is None else reach
         if not isinstance(reach, int) or not 1 <= reach <= 15:
-            raise ValueError(f"The reach of a mark must be an integer from 1 to 15, not {reach!r}")
+            raise ValueError(
+                f"The reach of a diamond must be an integer from 1 to 15, not {reach!r}")
         self.width, self.height, self.reach = width, height, reach
         super().__init__({
-            "i": In(stream.Signature(SpotMark, always_ready=True)),
+            "i": In(stream.Signature(OverlaySpot, always_ready=True)),
             "number": In(16),
-            "unmarked": Out(_COUNT_BITS),
+            "undrawn": Out(_COUNT_BITS),
             "acquire": In(1),
             "held": Out(1),
             "list_number": Out(16),
@@ -107,18 +108,18 @@ class Marks(wiring.Component):
             "enable": In(1),
             "odd": In(1),
             "column": In(range(width)),
-            "colour": Out(MarkColour),
+            "colour": Out(OverlayColour),
         })
 
     def elaborate(self, platform):
         m = Module()
         m.submodules.banks = banks = FrameBanks(3, _List)
-        m.submodules.places = places = Memory(shape=_Place, depth=4 * MARKS, init=[])
+        m.submodules.places = places = Memory(shape=_Place, depth=4 * DIAMONDS, init=[])
         row_bits = (self.width - 1).bit_length()
-        m.submodules.pixels = pixels = Memory(shape=MarkColour, depth=2 << row_bits, init=[])
+        m.submodules.pixels = pixels = Memory(shape=OverlayColour, depth=2 << row_bits, init=[])
 
         # Lists.
-        count = Signal(range(MARKS + 1))
+        count = Signal(range(DIAMONDS + 1))
         put = places.write_port()
         half = 1 << (FRACTION_BITS - 1)
         m.d.comb += [
@@ -129,31 +130,31 @@ class Marks(wiring.Component):
             put.data.ok.eq(self.i.p.ok),
             put.data.column.eq((self.i.p.u + half) >> FRACTION_BITS),
             put.data.row.eq((self.i.p.v + half) >> FRACTION_BITS),
-            put.en.eq(self.i.valid & ~self.i.p.end & (count != MARKS)),
+            put.en.eq(self.i.valid & ~self.i.p.end & (count != DIAMONDS)),
         ]
         with m.If(self.i.valid):
             with m.If(self.i.p.end):
                 m.d.sync += count.eq(0)
-            with m.Elif(count != MARKS):
+            with m.Elif(count != DIAMONDS):
                 m.d.sync += count.eq(count + 1)
             with m.Else():
-                m.d.sync += self.unmarked.eq(self.unmarked + ~self.unmarked.all())
+                m.d.sync += self.undrawn.eq(self.undrawn + ~self.undrawn.all())
 
-        # A row is wiped, then each mark takes two clocks: it is fetched, and while the next one is,
-        # its two pixels are written.
+        # A row is cleared, then each diamond takes two clocks: it is fetched, and its two pixels
+        # are written while the next one is fetched.
         m.d.comb += [
             banks.acquire.eq(self.acquire),
             self.held.eq(banks.held),
             self.list_number.eq(banks.frame.number),
         ]
         row = Signal(range(self.height))
-        total = Signal(range(MARKS + 1))  # marks of the row
-        place = Signal(range(max(self.width, MARKS + 1)))
+        total = Signal(range(DIAMONDS + 1))  # diamonds of the row
+        place = Signal(range(max(self.width, DIAMONDS + 1)))
         wiping = Signal()
         drawing = Signal()
         second = Signal()
         fetch = places.read_port(domain="display")
-        m.d.comb += [fetch.addr.eq(Cat(place[:MARKS.bit_length() - 1], banks.read_bank)),
+        m.d.comb += [fetch.addr.eq(Cat(place[:DIAMONDS.bit_length() - 1], banks.read_bank)),
                      fetch.en.eq(1)]
         with m.If(self.prepare):
             m.d.display += [
@@ -171,21 +172,21 @@ class Marks(wiring.Component):
                 with m.If(place == total - 1):
                     m.d.display += drawing.eq(0)
 
-        mark = fetch.data
+        diamond = fetch.data
         down = Signal(signed(_PLACE_BITS + 1))
         away = Signal(range(self.reach + 1))
         left = Signal(signed(_PLACE_BITS + 2))
         right = Signal(signed(_PLACE_BITS + 2))
-        colour = Signal(MarkColour)
+        colour = Signal(OverlayColour)
         hits = Signal(2)  # how many of the two pixels are still to be written
         m.d.comb += [
-            down.eq(row - mark.row),
+            down.eq(row - diamond.row),
             away.eq(self.reach - Mux(down < 0, -down, down)),
         ]
         with m.If(drawing & second):
             m.d.display += [
-                left.eq(mark.column - away), right.eq(mark.column + away),
-                colour.eq(Mux(mark.ok, MarkColour.OK, MarkColour.OTHER)),
+                left.eq(diamond.column - away), right.eq(diamond.column + away),
+                colour.eq(Mux(diamond.ok, OverlayColour.OK, OverlayColour.OTHER)),
                 hits.eq(((down <= self.reach) & (down >= -self.reach)).replicate(2)),
             ]
         with m.Else():
@@ -195,7 +196,7 @@ class Marks(wiring.Component):
         write, read = pixels.write_port(domain="display"), pixels.read_port(domain="display")
         m.d.comb += [
             write.addr.eq(Cat(Mux(wiping, place, left)[:row_bits], row[0])),
-            write.data.eq(Mux(wiping, MarkColour.NONE, colour)),
+            write.data.eq(Mux(wiping, OverlayColour.NONE, colour)),
             write.en.eq(wiping | (hits[0] & (left >= 0) & (left < self.width))),
             read.addr.eq(Cat(self.column, self.odd)),
             read.en.eq(1),

@@ -1,13 +1,13 @@
-"""Lists of spots in, rows of marks out."""
+"""Lists of spots in, rows of diamonds out."""
 
 import cocotb
 import numpy as np
 from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
-from hdl.display.marks import MARKS
-from hdl.payloads import SpotMark
-from model.display.vga import mark
+from hdl.display.overlay import DIAMONDS
+from hdl.payloads import OverlaySpot
+from model.display.vga import draw_diamond
 from tb.harness import parameters
 from tb.native_block import pack
 
@@ -40,7 +40,7 @@ class Ports:
         """A list, a spot in every clock or with gaps."""
         dut = self.dut
         words = [int(row[0]) | int(row[1]) << 32 for row in pack(
-            SpotMark, u=[u for u, _, _ in spots], v=[v for _, v, _ in spots],
+            OverlaySpot, u=[u for u, _, _ in spots], v=[v for _, v, _ in spots],
             ok=[ok for _, _, ok in spots])] if spots else []
         for word in words + [1] * end:
             while gap is not None and gap.random() < 0.5:
@@ -68,7 +68,7 @@ class Ports:
         await RisingEdge(dut.display_clk)
         dut.prepare.value = 0
         dut.enable.value = 0
-        await ClockCycles(dut.display_clk, clocks or self.width + 2 * MARKS + 6)
+        await ClockCycles(dut.display_clk, clocks or self.width + 2 * DIAMONDS + 6)
 
     async def show(self, row):
         """All colours of a row that was drawn, by a column a clock."""
@@ -85,8 +85,8 @@ class Ports:
     def expected(self, spots):
         """Colours of all pixels."""
         picture = np.zeros((self.height, self.width, 3), np.uint8)
-        for u, v, ok in spots[:MARKS]:
-            mark(picture, u, v, ok, self.reach)
+        for u, v, ok in spots[:DIAMONDS]:
+            draw_diamond(picture, u, v, ok, self.reach)
         return np.where(picture[..., 1] > 0, OK, np.where(picture[..., 0] > 0, OTHER, NONE))
 
     async def check(self, spots):
@@ -113,17 +113,17 @@ async def lists_are_drawn(dut):
     await ports.begin()
     assert await ports.acquire() is None
     await ports.check([])
-    for number, count in enumerate((0, 1, 5, MARKS, MARKS + 3)):
+    for number, count in enumerate((0, 1, 5, DIAMONDS, DIAMONDS + 3)):
         spots = random_spots(rng, ports, count)
         await ports.send(100 + number, spots, gap=rng if number % 2 else None)
         assert await ports.acquire() == 100 + number
         await ports.check(spots)
-    assert int(dut.unmarked.value) == 3
+    assert int(dut.undrawn.value) == 3
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
 async def borders_and_order(dut):
-    """Marks that leave the picture on every side, and marks on top of each other."""
+    """Diamonds that leave the picture on every side, and diamonds on top of each other."""
     rng = np.random.default_rng(parameters()["seed"])
     ports = Ports(dut)
     await ports.begin()
@@ -137,7 +137,7 @@ async def borders_and_order(dut):
         assert await ports.acquire() == number
         await ports.check(spots)
     row = ports.height // 2
-    level = [(int(u), row * 512, int(u) & 1) for u in rng.integers(0, right, MARKS)]
+    level = [(int(u), row * 512, int(u) & 1) for u in rng.integers(0, right, DIAMONDS)]
     await ports.send(9, level)
     assert await ports.acquire() == 9
     await ports.check(level)
@@ -145,7 +145,7 @@ async def borders_and_order(dut):
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
 async def a_list_stays_until_it_is_given_back(dut):
-    """Half a list is not seen, newer ones wait, and a row without `enable` has no marks."""
+    """Half a list is not seen, newer ones wait, and a row without `enable` has no diamonds."""
     rng = np.random.default_rng(parameters()["seed"])
     ports = Ports(dut)
     await ports.begin()
@@ -172,14 +172,14 @@ async def a_list_stays_until_it_is_given_back(dut):
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
 async def the_clocks_are_not_generous(dut):
-    """The last mark's last pixel comes in the last clocks that are promised."""
+    """The last diamond's last pixel comes in the last clocks that are promised."""
     ports = Ports(dut)
     await ports.begin()
-    await ports.send(1, [(0, 0, 1)] * (MARKS - 1) + [(0, 0, 0)])
+    await ports.send(1, [(0, 0, 1)] * (DIAMONDS - 1) + [(0, 0, 0)])
     await ports.acquire()
     dut.odd.value = 0
     dut.column.value = ports.reach
-    await ports.draw(0, clocks=ports.width + 2 * MARKS + 2)
+    await ports.draw(0, clocks=ports.width + 2 * DIAMONDS + 2)
     await ReadOnly()
     assert int(dut.colour.value) == OK
     await ClockCycles(dut.display_clk, 4)
@@ -188,9 +188,9 @@ async def the_clocks_are_not_generous(dut):
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
-async def unmarked_stops_at_255(dut):
+async def undrawn_stops_at_255(dut):
     ports = Ports(dut)
     await ports.begin()
     for _ in range(3):
-        await ports.send(1, [(0, 0, 1)] * (MARKS + 100))
-    assert int(dut.unmarked.value) == 255
+        await ports.send(1, [(0, 0, 1)] * (DIAMONDS + 100))
+    assert int(dut.undrawn.value) == 255

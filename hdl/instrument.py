@@ -133,7 +133,7 @@ class Instrument(wiring.Component):
         if paper:
             connect(m, commands.memory, measure.memory)
             connect(m, measure.memory_word, commands.memory_word)
-            m.d.comb += commands.screen.eq(measure.screen)
+            m.d.comb += commands.display.eq(measure.display_faults)
         connect(m, commands.o, measure.reply)
         m.d.comb += [
             measure.tag.eq(sequencer.tag),

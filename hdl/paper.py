@@ -13,7 +13,7 @@ from .paper_points import FREE_BASE, PaperPoints
 from .payloads import MemoryCommand, Status
 from .periphery import PORTS, Periphery, camera_pins
 from .ports import REGISTERS, TABLE_PORT, connect_ports
-from .protocol import SCREEN_FAULTS
+from .protocol import DISPLAY_FAULTS
 
 __all__ = ["BOARD", "Paper"]
 
@@ -75,9 +75,9 @@ class Paper(wiring.Component):
     memory, memory_word : :py:`In(stream.Signature(MemoryCommand))`, \
     :py:`Out(stream.Signature(32, always_ready=True))`
         Access to it for the host; words that are read come in the order of the commands.
-    screen : :py:`Out(3)`
-        What the screen lacked since reset, bits in the order of
-        :data:`hdl.protocol.SCREEN_FAULTS`.
+    display_faults : :py:`Out(3)`
+        Faults of the display since reset, bits in the order of
+        :data:`hdl.protocol.DISPLAY_FAULTS`.
     hsync, vsync, visible, red, green, blue
         The screen.
     """
@@ -94,7 +94,7 @@ class Paper(wiring.Component):
             **TABLE_PORT,
             "memory": In(stream.Signature(MemoryCommand)),
             "memory_word": Out(stream.Signature(32, always_ready=True)),
-            "screen": Out(len(SCREEN_FAULTS)),
+            "display_faults": Out(len(DISPLAY_FAULTS)),
             **BOARD,
         })
 
@@ -147,13 +147,13 @@ class Paper(wiring.Component):
             *(getattr(self, name).eq(getattr(vga, name)) for name in _SCREEN),
         ]
 
-        # What the screen lacked.
+        # Faults of the display.
         row_late = Signal()
         row_was_late = Signal()
         m.submodules.late_synchronizer = FFSynchronizer(row_late, row_was_late)
         m.d.display += row_late.eq(row_late | frames.late.any())
-        m.d.sync += self.screen.eq(
-            self.screen | Cat(frames.overrun, row_was_late, vga.undrawn.any()))
+        m.d.sync += self.display_faults.eq(
+            self.display_faults | Cat(frames.overrun, row_was_late, vga.undrawn.any()))
 
         # The external memory.
         m.submodules.port = port = SRAMPort(clients=4)

@@ -14,7 +14,7 @@ __all__ = [
     "PRESET_NAMES", "PROTOCOL_VERSION", "TABLE_VERSION", "WIRE_LIMIT", "GAP_CHARACTERS",
     "CONTENT_LIMIT", "COMPACT", "PacketKind", "Flag", "Command", "Reason", "Mode", "Register",
     "Field", "Table", "TABLES", "REMAP", "TRAILER_FIELDS", "TEXTURE_FIELDS", "IDENTITY_FIELDS",
-    "STATUS_FIELDS", "GUARD_CAUSES", "SCREEN_FAULTS", "registers", "tables",
+    "STATUS_FIELDS", "GUARD_CAUSES", "DISPLAY_FAULTS", "registers", "tables",
 ]
 
 #: The two designs, in the order of their codes in the reply to IDENTIFY.
@@ -63,7 +63,7 @@ class PacketKind(IntEnum):
     POINTS_LAST = 0x51  # number (low octet), compact points, trailer
     RECORDS = 0x52  # number (low octet), records of 9 octets
     RECORDS_LAST = 0x53  # number (low octet), records of 9 octets, trailer
-    OTHERS = 0x54  # number (low octet), records of 9 octets: spots that are not ok
+    UNMATCHED = 0x54  # number (low octet), records of 9 octets: spots that are not ok
     TEXTURE = 0x58  # number (low octet), row (16 bits), column (16 bits), pixels to the right
     TEXTURE_FRAME = 0x59  # number (low octet), TEXTURE_FIELDS
     REPLY = 0x5A  # tag, command, reason, data
@@ -79,7 +79,7 @@ class Flag(IntEnum):
     CAPTURE = 4  # taken in calibration capture
     TRIPPED = 5  # the laser guard holds a cause, see STATUS
     TABLES_VALID = 6  # a set of tables was committed and checked
-    TEXTURE = 7  # sent as a picture, and not measured
+    TEXTURE = 7  # sent as an image, not measured
 
 
 #: Trailer of a pattern frame's last packet. ``flags`` is the packet's last octet before the check;
@@ -87,7 +87,7 @@ class Flag(IntEnum):
 TRAILER_FIELDS = (
     Field("number", 16, "frame number; pattern and texture frames count together"),
     Field("level", 8, "threshold that was used"),
-    Field("skipped", 8, "frames left out before this one for want of room, at most 255"),
+    Field("skipped", 8, "frames skipped before this one because a buffer was full, at most 255"),
     Field("exposure_us", 16, "integration time, microseconds"),
     Field("timestamp_us", 24, "start of the integration, microseconds, modulo 2^24"),
     Field("check", 16, "CRC-16/IBM-SDLC over beam (7 bits) and 1/z (18 bits) of every ok point, in "
@@ -96,15 +96,16 @@ TRAILER_FIELDS = (
     Field("ok", 8, "points with a beam and a depth"),
     Field("noise", 8, "spots on no line"),
     Field("ambiguous", 8, "spots on several lines"),
-    Field("rejected", 8, "outside of the limits of area, window, coordinates or depth, or gated"),
-    Field("dropped", 8, "spots for which a queue had no room"),
-    Field("unlisted", 8, "noise, ambiguous and rejected spots that no packet lists"),
+    Field("rejected", 8, "outside the limits of area, window, coordinates or depth, or failed "
+                         "erosion"),
+    Field("dropped", 8, "spots lost because a queue was full"),
+    Field("unlisted", 8, "noise, ambiguous and rejected spots that are in no packet"),
     Field("flags", 8, "see Flag"),
 )
 #: Body of a TEXTURE_FRAME packet, sent for each texture frame.
 TEXTURE_FIELDS = (
     Field("number", 16, "frame number; pattern and texture frames count together"),
-    Field("skipped", 8, "frames left out before this one for want of room, at most 255"),
+    Field("skipped", 8, "frames skipped before this one because a buffer was full, at most 255"),
     Field("exposure_us", 16, "integration time, microseconds"),
     Field("timestamp_us", 24, "start of the integration, microseconds, modulo 2^24"),
     Field("bad_sync", 8, "frames that lost synchronism since the start, stops at 255"),
@@ -285,19 +286,19 @@ STATUS_FIELDS = (
     Field("timeouts", 8, "frames that the sensor did not send"),
     Field("bad_sync", 8, "frames that lost synchronism"),
     Field("overrun", 8, "pixels lost between the clocks"),
-    Field("skipped", 8, "frames left out for want of room"),
+    Field("skipped", 8, "frames skipped because a buffer was full"),
     Field("commands", 16, "commands carried out"),
     Field("refused", 16, "commands refused"),
     Field("damaged", 16, "packets from the host with a wrong check"),
     Field("framing", 8, "characters from the host without a stop bit"),
     Field("packets", 16, "packets sent, modulo 65536"),
     Field("late", 8, "pairs that began later than `period_us` after the one before"),
-    Field("screen", 8, "what the screen of the preset `paper` lacked, see SCREEN_FAULTS"),
+    Field("display", 8, "faults of the display of the preset `paper`, see DISPLAY_FAULTS"),
 )
 
-#: What has happened to the screen since reset, bits of ``screen``.
-SCREEN_FAULTS = (
-    "frame",  # a frame lost its end, for the memory was too slow
-    "row",  # a row came from the store too late
+#: Faults of the display since reset, bits of ``display``.
+DISPLAY_FAULTS = (
+    "frame",  # the end of a frame was lost because the memory was too slow
+    "row",  # a row arrived from the frame store too late
     "overlay",  # a frame had more spots than the overlay draws
 )

@@ -7,12 +7,12 @@ from amaranth.lib.wiring import In, Out
 from hdl.payloads import MemoryCommand, PacketOctet
 from hdl.protocol import (
     CONTENT_LIMIT,
+    DISPLAY_FAULTS,
     GUARD_CAUSES,
     IDENTITY_FIELDS,
     PRESET_NAMES,
     PROTOCOL_VERSION,
     REMAP,
-    SCREEN_FAULTS,
     STATUS_FIELDS,
     TABLE_VERSION,
     Command,
@@ -114,7 +114,7 @@ class Commands(wiring.Component):
         The external memory, in the preset ``paper`` only: word 2n has the lower half of word n of
         the remap table.
     laser_armed, sensor_silent, guard_causes, pairs, timeouts, bad_sync, overrun, skipped, \
-    packets, late, screen
+    packets, late, display
         What STATUS tells besides, see :data:`hdl.protocol.STATUS_FIELDS`.
     """
 
@@ -178,7 +178,7 @@ class Commands(wiring.Component):
             "skipped": In(8),
             "packets": In(16),
             "late": In(8),
-            "screen": In(len(SCREEN_FAULTS)),
+            "display": In(len(DISPLAY_FAULTS)),
             **({"memory": Out(stream.Signature(MemoryCommand)),
                 "memory_word": In(stream.Signature(32, always_ready=True))}
                if self.has_memory else {}),
@@ -295,7 +295,7 @@ class Commands(wiring.Component):
                 m, "refused", 16, done & (reason != Reason.OK) & ~of_damage),
             "damaged": self._counter(m, "damages", 16, self.damaged),
             "framing": self._counter(m, "framings", 8, self.framing),
-            "packets": self.packets, "late": self.late, "screen": self.screen,
+            "packets": self.packets, "late": self.late, "display": self.display,
         })
 
         shift = Signal()

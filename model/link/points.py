@@ -5,18 +5,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-__all__ = ["POINT", "POINTS", "POINTS_LAST", "RECORDS", "RECORDS_LAST", "OTHERS", "PatternFrame",
+__all__ = ["POINT", "POINTS", "POINTS_LAST", "RECORDS", "RECORDS_LAST", "UNMATCHED", "PatternFrame",
            "check_word", "compact", "flags", "packets", "records"]
 
 #: A point as the stereo unit gives it.
 POINT = np.dtype([("status", np.uint8), ("beam", np.uint8), ("area", np.uint8), ("u", np.uint32),
                   ("v", np.uint32), ("inverse_z", np.uint32)])
-POINTS, POINTS_LAST, RECORDS, RECORDS_LAST, OTHERS = range(0x50, 0x55)
+POINTS, POINTS_LAST, RECORDS, RECORDS_LAST, UNMATCHED = range(0x50, 0x55)
 
 _OK, _NOISE, _AMBIGUOUS, _REJECTED = range(4)
 _CONTENT = 97 - 1 - 4  # of a packet, without its sequence number and its check
 _HEAD = 2  # kind, number
-_OTHERS = 10
+_UNMATCHED_MOST = 10
 
 
 @dataclass(frozen=True)
@@ -145,8 +145,8 @@ def packets(frame, full_records=False):
     head = bytes([frame.number & 0xFF])
     ok = frame.points["status"] == _OK
     listed = frame.points if full_records else frame.points[ok]
-    others = frame.points[:0] if full_records else frame.points[~ok][:_OTHERS]
-    unlisted = frame.rejected + (0 if full_records else np.count_nonzero(~ok) - len(others))
+    unmatched = frame.points[:0] if full_records else frame.points[~ok][:_UNMATCHED_MOST]
+    unlisted = frame.rejected + (0 if full_records else np.count_nonzero(~ok) - len(unmatched))
 
     more, last = (RECORDS, RECORDS_LAST) if full_records else (POINTS, POINTS_LAST)
     bodies = _in_packets(listed, full_records)
@@ -155,6 +155,6 @@ def packets(frame, full_records=False):
         bodies.append(b"")
     contents = [bytes([more]) + head + body for body in bodies[:-1]]
     contents.append(bytes([last]) + head + bodies[-1] + trailer)
-    if len(others):
-        contents.append(bytes([OTHERS]) + head + records(others).tobytes())
+    if len(unmatched):
+        contents.append(bytes([UNMATCHED]) + head + records(unmatched).tobytes())
     return contents

@@ -103,7 +103,7 @@ class Decoder:
             self.lost += missing
             self._frame_lost += missing
         self._sequence = (sequence + 1) & 0xFF
-        if self._trailer is not None and kind != PacketKind.OTHERS:
+        if self._trailer is not None and kind != PacketKind.UNMATCHED:
             self._close(events)
         take = _PACKETS.get(kind)
         if take is None or not body or not take(self, body, events):
@@ -130,7 +130,7 @@ class Decoder:
     def _records_last(self, body, events):
         return self._last(body, False, events)
 
-    def _others(self, body, events):
+    def _unmatched(self, body, events):
         if len(body) == 1 or (len(body) - 1) % _RECORD_OCTETS:
             return False
         self._more(body[0], _records(body[1:]), self._is_compact, events)
@@ -258,7 +258,7 @@ class Decoder:
 _PACKETS = {
     PacketKind.POINTS: Decoder._points, PacketKind.POINTS_LAST: Decoder._points_last,
     PacketKind.RECORDS: Decoder._records, PacketKind.RECORDS_LAST: Decoder._records_last,
-    PacketKind.OTHERS: Decoder._others, PacketKind.TEXTURE: Decoder._texture,
+    PacketKind.UNMATCHED: Decoder._unmatched, PacketKind.TEXTURE: Decoder._texture,
     PacketKind.TEXTURE_FRAME: Decoder._texture_frame, PacketKind.REPLY: Decoder._reply}
 
 

@@ -1,6 +1,6 @@
 """The state of the chip in words."""
 
-from hdl.protocol import GUARD_CAUSES, PRESET_NAMES, SCREEN_FAULTS, STATUS_FIELDS, Mode
+from hdl.protocol import DISPLAY_FAULTS, GUARD_CAUSES, PRESET_NAMES, STATUS_FIELDS, Mode
 
 __all__ = ["causes", "laser", "status_table"]
 
@@ -11,8 +11,8 @@ _CAUSES = {
     "duty": "too much light in the window", "not_armed": "light asked for while not armed",
     "heartbeat": "frames that stopped coming"}
 _FAULTS = {
-    "frame": "a frame lost its end", "row": "a row came too late",
-    "overlay": "a spot is missing in the overlay"}
+    "frame": "the end of a frame was lost", "row": "a row arrived too late",
+    "overlay": "a spot was not drawn"}
 
 
 def causes(status):
@@ -57,10 +57,10 @@ def status_table(identity, status, pictures=0):
         [*(["calibration capture"] if state.capture else []), *causes(status)]))
     table.add_section()
     for field in STATUS_FIELDS:
-        if field.name not in ("state", "guard_causes", "screen"):
+        if field.name not in ("state", "guard_causes", "display"):
             table.add_row(field.name.replace("_", " "), str(status[field.name]), field.meaning)
     if preset == PRESET_NAMES.index("paper"):
-        faults = [_FAULTS[name] for bit, name in enumerate(SCREEN_FAULTS)
-                  if status["screen"] >> bit & 1]
-        table.add_row("screen", "faults" if faults else "whole", "; ".join(faults))
+        faults = [_FAULTS[name] for bit, name in enumerate(DISPLAY_FAULTS)
+                  if status["display"] >> bit & 1]
+        table.add_row("display", "faults" if faults else "ok", "; ".join(faults))
     return table

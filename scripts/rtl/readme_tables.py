@@ -23,7 +23,7 @@ _WORDS = {
     "TEXTURE_FIELDS": "the table in [texture](#texture)",
     "TABLE_VERSION": "version of the tables",
     "see GUARD_CAUSES": "see [causes](#identity-and-status)",
-    "see SCREEN_FAULTS": "see [below](#identity-and-status)",
+    "see DISPLAY_FAULTS": "see [below](#identity-and-status)",
     "see Flag": "as in [points](#points)",
 }
 _MARKED = re.compile(r"(<!-- protocol: (\w+) -->\n).*?(<!-- end -->)", re.S)
@@ -114,7 +114,7 @@ def _registers():
 
 
 def _tables():
-    words = {"depth": "2 K", "beams": "K", "places": "pixels / 4"}
+    words = {"depth": "2 K", "beams": "K", "remap": "pixels / 4"}
     return _rows(("Number", "Name", "Words", "Bits", "Octets", "A word"), (
         (table.number, f"`{table.name}`", words.get(table.name, table.words), table.bits,
          table.octets, table.meaning) for table in protocol.tables("paper")))
@@ -133,8 +133,8 @@ def _causes():
     return _bits("GUARD_CAUSES", "Cause")
 
 
-def _screen():
-    return _bits("SCREEN_FAULTS", "What")
+def _display():
+    return _bits("DISPLAY_FAULTS", "Fault")
 
 
 def _texture():
@@ -152,7 +152,7 @@ def _status():
 #: What writes each table, by its name.
 TABLES = {function.__name__[1:]: function for function in (
     _packets, _trailer, _compact, _texture, _flags, _commands, _reasons, _registers, _tables,
-    _identity, _status, _causes, _screen)}
+    _identity, _status, _causes, _display)}
 
 
 def updated(text):

@@ -54,9 +54,9 @@ def realistic_frames(seeds, rig="endoscope", frames=4):
 def points_octets(frame):
     """Octet times that a frame's ok points and its trailer take, pauses included."""
     from model.link.framer import wire_octets
-    from model.link.points import OTHERS, packets
+    from model.link.points import UNMATCHED, packets
 
-    return wire_octets([content for content in packets(frame) if content[0] != OTHERS])
+    return wire_octets([content for content in packets(frame) if content[0] != UNMATCHED])
 
 
 def refresh_seconds(frame=None, width=352, height=288, baud=BAUD, pair_s=PAIR_S):

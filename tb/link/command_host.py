@@ -13,7 +13,7 @@ __all__ = ["Host"]
 
 _DATA_LIMIT = CONTENT_LIMIT - 9
 _INPUTS = ("guard_causes", "pairs", "timeouts", "bad_sync", "overrun", "skipped", "packets",
-           "late", "screen")
+           "late", "display")
 
 
 class Host:

@@ -8,7 +8,7 @@ import numpy as np
 from cobs import cobs
 from cocotb.triggers import ClockCycles, RisingEdge
 
-from model.link.points import OTHERS, packets
+from model.link.points import UNMATCHED, packets
 from tb.harness import Bench, parameters
 from tb.link.frames import near_points, pattern_frame
 from tb.link.tb_points import words
@@ -98,7 +98,7 @@ async def everything_at_once(dut, gap, full_records, flow):
     assert of_points == [each for frame in frames for each in packets(frame, bool(full_records))]
     assert [content for _, content in sent if content[0] == 0x5A] == replies
     for index, kind in enumerate(kinds):
-        if kind == OTHERS:
+        if kind == UNMATCHED:
             assert kinds[index - 1] == 0x51, "something came between"
     at = 0
     for _, content in sent:

@@ -88,7 +88,7 @@ def change_inputs(rng, host):
         case 3:
             host.set(guard_causes=rng.getrandbits(len(GUARD_CAUSES)),
                      pairs=rng.getrandbits(16), packets=rng.getrandbits(16),
-                     screen=rng.getrandbits(3), **{name: rng.getrandbits(8)
+                     display=rng.getrandbits(3), **{name: rng.getrandbits(8)
                         for name in ("timeouts", "bad_sync", "overrun", "skipped", "late")})
         case 4 | 5 if host.model.acting["mode"] != Mode.STOP:
             host.pulse(*rng.choice([["apply"], ["single_done"], ["apply", "single_done"]]))

@@ -8,7 +8,7 @@ import pytest
 
 from calibration.lens import Lens
 from calibration.remap import remap_table
-from hdl.protocol import SCREEN_FAULTS, Mode, Reason
+from hdl.protocol import DISPLAY_FAULTS, Mode, Reason
 from model.errors import UserError
 from model.paper import Paper
 from scripts.host.chip import RefusedError, check_chip
@@ -68,18 +68,18 @@ def test_pairs_at_video_rate(config, pairs, spots):
     assert len(lit) >= pairs and len(whole.textures) >= pairs
     assert (np.diff([frame.timestamp_us for frame in lit]) == 40_000).all()
     assert sum(len(frame.points) for frame in lit) > 5 * len(lit)
-    assert not whole.commands.status()["screen"]
+    assert not whole.commands.status()["display"]
 
 
-def test_a_spot_without_a_mark_is_told():
-    """The overlay draws 128 spots of a frame; there are 196."""
+def test_spots_that_are_not_drawn_are_reported():
+    """The display draws 128 spots of a frame; there are 196."""
     row, column = np.mgrid[:64, :64]
     image = np.where((row % 4 < 2) & (column % 4 < 2) & (row < 56) & (column < 56), 200, 20)
     settings = settings_of(SLOW, erosion="off", area_min=1, level_fixed=100)
     whole = Whole(SMALL, settings, [image.astype(np.uint8)], points_max=0, mode=3)
     whole.run(90_000)
     assert any(frame.spots > 128 for frame in whole.frames)
-    assert whole.commands.status()["screen"] == 1 << SCREEN_FAULTS.index("overlay")
+    assert whole.commands.status()["display"] == 1 << DISPLAY_FAULTS.index("overlay")
 
 
 def test_a_broken_frame_costs_no_other():

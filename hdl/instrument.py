@@ -5,6 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out, connect
 
+from .acquisition.front_end import camera_pins
 from .acquisition.laser_guard import LaserGuard
 from .acquisition.sequencer import Sequencer
 from .capsule import Capsule
@@ -13,8 +14,7 @@ from .link.commands import Commands
 from .link.receiver import Receiver
 from .link.uart_rx import UARTReceiver
 from .paper import BOARD, Paper
-from .periphery import camera_pins
-from .ports import REGISTERS, TABLE_PORT, connect_ports
+from .ports import TABLE_PORT, connect_ports
 from .protocol import Mode
 
 __all__ = ["Instrument"]
@@ -106,10 +106,9 @@ class Instrument(wiring.Component):
         # Exposure, and the last word on the laser.
         m.submodules.sequencer = sequencer = Sequencer(config.clock_hz, frame_us=FRAME_US)
         m.submodules.laser_guard = guard = LaserGuard(config.clock_hz)
-        for name in ("pattern_as_texture", "period_us", "pattern_reset_us", "pattern_us",
-                     "texture_reset_us", "texture_us"):
-            m.d.comb += getattr(sequencer, name).eq(getattr(commands, name))
         m.d.comb += [
+            *(getattr(sequencer, name).eq(getattr(commands, name))
+              for name in sequencer.registers if name != "mode"),
             sequencer.mode.eq(Mux(commands.stop, Mode.STOP, commands.mode)),
             sequencer.laser_armed.eq(guard.armed),
             sequencer.lit.eq(guard.lit),
@@ -129,7 +128,7 @@ class Instrument(wiring.Component):
         paper = config.preset == "paper"
         m.submodules.measure = measure = (Paper if paper else Capsule)(config, self.clock_gated)
         connect_ports(m, camera_pins(config) | (BOARD if paper else {}), self, measure)
-        connect_ports(m, {**REGISTERS, **TABLE_PORT}, commands, measure)
+        connect_ports(m, measure.registers | TABLE_PORT, commands, measure)
         if paper:
             connect(m, commands.memory, measure.memory)
             connect(m, measure.memory_word, commands.memory_word)

@@ -5,19 +5,20 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from .acquisition.front_end import FrontEnd, camera_pins
 from .acquisition.sram_frames import SRAMFrames
 from .common.sram import SRAMPins, SRAMPort
 from .config import check_config
 from .display.vga import VGA
+from .link.point_link import PointLink
 from .paper_points import FREE_BASE, PaperPoints
 from .payloads import MemoryCommand, Status
-from .periphery import PORTS, Periphery, camera_pins
-from .ports import REGISTERS, TABLE_PORT, connect_ports
+from .ports import TABLE_PORT, connect_ports
 from .protocol import DISPLAY_FAULTS
 
 __all__ = ["BOARD", "Paper"]
 
-_SCREEN = ("hsync", "vsync", "visible", "red", "green", "blue")
+_DISPLAY = ("hsync", "vsync", "visible", "red", "green", "blue")
 #: What the board has beside that of the preset ``capsule``.
 BOARD = {
     "pins": Out(SRAMPins()),
@@ -39,7 +40,7 @@ class Paper(wiring.Component):
     fills the image bank, or while four are on their way to the reader, is skipped whole and
     counted; at 25 pairs a second none is.
 
-    The register ``weighted`` is not heard: all pixels weigh 1.
+    The register ``weighted`` has no effect: all pixels weigh 1.
 
     **External memory**, 512K words of 32 bits, clients in the order in which they are served:
 
@@ -82,15 +83,18 @@ class Paper(wiring.Component):
         The screen.
     """
 
+    registers = {**PaperPoints.registers, **PointLink.registers}
+
     def __init__(self, config, clock_gated=False):
         check_config(config)
         self.config = config
         self.clock_gated = clock_gated
         super().__init__({
             **camera_pins(config),
-            **PORTS,
+            **FrontEnd.ports,
+            **PointLink.ports,
             "idle": Out(1),
-            **REGISTERS,
+            **self.registers,
             **TABLE_PORT,
             "memory": In(stream.Signature(MemoryCommand)),
             "memory_word": Out(stream.Signature(32, always_ready=True)),
@@ -106,45 +110,43 @@ class Paper(wiring.Component):
             m.d.comb += [
                 ClockSignal("spot").eq(ClockSignal()), ResetSignal("spot").eq(ResetSignal())]
 
-        # From the camera, and to the link.
-        m.submodules.periphery = periphery = Periphery(self.config)
-        connect_ports(
-            m, {**camera_pins(self.config), **PORTS, **periphery.registers}, self, periphery)
+        m.submodules.front_end = front_end = FrontEnd(self.config)
+        m.submodules.points = points = PaperPoints(self.config)
+        m.submodules.link = link = PointLink(self.config)
+        connect_ports(m, camera_pins(self.config) | FrontEnd.ports, self, front_end)
+        connect_ports(m, points.registers | TABLE_PORT | {"idle": Out(1)}, self, points)
+        connect_ports(m, link.registers | PointLink.ports, self, link)
 
-        # Pattern frames to points.
-        m.submodules.measure = measure = PaperPoints(self.config)
-        connect(m, periphery.o, measure.i)
-        connect(m, periphery.info, measure.info)
-        connect(m, measure.o, periphery.i)
-        connect(m, measure.counts, periphery.counts)
-        connect(m, measure.frames, periphery.frames)
-        connect_ports(m, TABLE_PORT, self, measure)
-        for name, member in measure.registers.items():
-            register = Signal(member.shape, name=name)
-            m.d.sync += register.eq(getattr(self, name))
-            m.d.comb += getattr(measure, name).eq(register)
+        connect(m, front_end.o, points.i)
+        connect(m, front_end.info, points.info)
+        connect(m, front_end.texture, link.texture)
+        connect(m, front_end.texture_info, link.texture_info)
+        connect(m, points.o, link.i)
+        connect(m, points.counts, link.counts)
+        connect(m, points.frames, link.frames)
         m.d.comb += [
-            periphery.threshold_valid.eq(1),
-            periphery.moves.eq(measure.moves),
-            self.idle.eq(measure.idle),
+            front_end.threshold_valid.eq(1),
+            link.bad_sync.eq(front_end.bad_sync),
+            link.overrun.eq(front_end.overrun),
+            link.active.eq(points.active),
         ]
 
         # Display of the corrected frames.
         m.submodules.frames = frames = SRAMFrames(**size, banks=3, base=FREE_BASE)
         m.submodules.vga = vga = VGA(**size)
-        connect(m, measure.corrected, frames.i)
+        connect(m, points.corrected, frames.i)
         m.d.comb += [
-            frames.info.eq(measure.corrected_info),
+            frames.info.eq(points.corrected_info),
             *(getattr(frames, name).eq(getattr(vga, name))
               for name in ("acquire", "fetch", "fetch_row", "turn", "row", "column")),
             *(getattr(vga, name).eq(getattr(frames, name)) for name in ("held", "frame", "data")),
-            vga.overlay.valid.eq(periphery.sent.valid),
-            vga.overlay.p.end.eq(periphery.sent.p.end),
-            vga.overlay.p.ok.eq(periphery.sent.p.status == Status.OK),
-            vga.overlay.p.u.eq(periphery.sent.p.u),
-            vga.overlay.p.v.eq(periphery.sent.p.v),
-            vga.overlay_number.eq(measure.number),
-            *(getattr(self, name).eq(getattr(vga, name)) for name in _SCREEN),
+            vga.overlay.valid.eq(link.sent.valid),
+            vga.overlay.p.end.eq(link.sent.p.end),
+            vga.overlay.p.ok.eq(link.sent.p.status == Status.OK),
+            vga.overlay.p.u.eq(link.sent.p.u),
+            vga.overlay.p.v.eq(link.sent.p.v),
+            vga.overlay_number.eq(points.number),
+            *(getattr(self, name).eq(getattr(vga, name)) for name in _DISPLAY),
         ]
 
         # Faults of the display.
@@ -159,8 +161,8 @@ class Paper(wiring.Component):
         m.submodules.port = port = SRAMPort(clients=4)
         connect(m, port.pins, flipped(self.pins))
         for client, (command, answer) in enumerate([
-                (frames.command, frames.answer), (measure.command[0], measure.answer[0]),
-                (measure.command[1], measure.answer[1]),
+                (frames.command, frames.answer), (points.command[0], points.answer[0]),
+                (points.command[1], points.answer[1]),
                 (flipped(self.memory), flipped(self.memory_word))]):
             connect(m, command, port.command[client])
             connect(m, port.answer[client], answer)

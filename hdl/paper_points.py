@@ -8,7 +8,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from .acquisition.image_bank import ImageBank
 from .config import FRAMES_IN_FLIGHT, check_config
 from .payloads import Counts, FrameInfo, GreyPixel, MemoryCommand, Point, StoredFrame
-from .ports import REGISTERS, TABLE_PORT, connect_ports
+from .ports import TABLE_PORT, connect_ports, register_ports, sample_registers
 from .preprocessing.binarise import Binarise
 from .preprocessing.erosion import Erosion
 from .preprocessing.histogram import Histogram
@@ -48,8 +48,9 @@ class PaperPoints(wiring.Component):
     Two clients of the external memory: 0 the image of labels, 1 the remap table, whose word n
     is at :data:`REMAP_BASE` + n, see :class:`.preprocessing.remap.Remap`.
 
-    Spots are worked on in the domain ``spot``. It may stand still when ``moves`` has been low for
-    some time, and must go on in the clock in which it rises.
+    Blocks that work on spots are in the domain ``spot``. Its clock may stand still when ``active``
+    has been low for :data:`hdl.common.activity.IDLE_TIMEOUT` clocks, and must run again in the
+    clock in which it rises.
 
     Parameters
     ----------
@@ -76,24 +77,23 @@ class PaperPoints(wiring.Component):
         pixel.
     idle : :py:`Out(1)`
         No frame is stored, and no spot is under way.
-    moves : :py:`Out(1)`
-        Something moves between the blocks that work on spots.
+    active : :py:`Out(1)`
+        Something passes between the blocks of the domain ``spot`` in this clock.
     command, answer
         To the external memory, see :class:`hdl.common.sram.SRAMPort`.
     bank, table_write, table_read, table_select, table_address, table_data, table_word
         As those of :class:`hdl.capsule.Capsule`.
-    REGISTERS
-        Those of ``registers``. May change while ``idle``. See ``hdl/protocol.py``.
+    registers
+        May change while ``idle``; each passes a flip-flop here. See ``hdl/protocol.py``.
 
     Attributes
     ----------
     registers : :class:`dict`
-        Members for the registers that are heard.
+        Members for the registers that are used.
     """
 
     registers = {
-        **{name: REGISTERS[name] for name in (
-            "threshold_fixed", "threshold_level", "threshold_alpha", "erosion_mode")},
+        **register_ports("threshold_fixed", "threshold_level", "threshold_alpha", "erosion_mode"),
         **Reconstruction.registers,
     }
 
@@ -110,7 +110,7 @@ class PaperPoints(wiring.Component):
             "corrected": Out(stream.Signature(GreyPixel, always_ready=True)),
             "corrected_info": Out(StoredFrame),
             "idle": Out(1),
-            "moves": Out(1),
+            "active": Out(1),
             "command": Out(stream.Signature(MemoryCommand)).array(2),
             "answer": In(stream.Signature(32, always_ready=True)).array(2),
             **self.registers,
@@ -122,6 +122,7 @@ class PaperPoints(wiring.Component):
         config = self.config
         size = {"width": config.width, "height": config.height}
         spot_side = DomainRenamer("spot")
+        register = sample_registers(m, self)
 
         # First reading: the frame is stored, the histogram listens.
         m.submodules.image_bank = bank = ImageBank(**size)
@@ -139,9 +140,9 @@ class PaperPoints(wiring.Component):
             threshold.done.eq(threshold.known),
             threshold.lost.eq(histogram.lost),
             threshold.count.eq(histogram.count),
-            threshold.threshold_alpha.eq(self.threshold_alpha),
-            threshold.fixed.eq(self.threshold_fixed),
-            threshold.fixed_level.eq(self.threshold_level),
+            threshold.threshold_alpha.eq(register["threshold_alpha"]),
+            threshold.fixed.eq(register["threshold_fixed"]),
+            threshold.fixed_level.eq(register["threshold_level"]),
         ]
 
         # A frame is announced when its level is known, or when it has turned out to be broken.
@@ -214,9 +215,11 @@ class PaperPoints(wiring.Component):
         m.d.comb += [
             binarise.level.eq(Mux(inside, kept_level, level)),
             binarise.enable.eq(1),
-            erosion.mode.eq(self.erosion_mode),
+            erosion.mode.eq(register["erosion_mode"]),
         ]
-        connect_ports(m, {**reconstruction.registers, **TABLE_PORT}, self, reconstruction)
+        connect_ports(m, TABLE_PORT, self, reconstruction)
+        m.d.comb += [getattr(reconstruction, name).eq(register[name])
+                     for name in reconstruction.registers]
 
         # Components that labelling had no labels for are counted with the others.
         m.submodules.unlabelled = unlabelled = spot_side(SyncFIFO(
@@ -243,7 +246,7 @@ class PaperPoints(wiring.Component):
             begins.eq(self.info.valid & self.info.ready),
             ends.eq(self.o.valid & self.o.ready & self.o.p.end),
             self.idle.eq(under_way == 0),
-            self.moves.eq(reconstruction.moves | announces | self.table_write | self.table_read),
+            self.active.eq(reconstruction.active | announces | self.table_write | self.table_read),
             numbers.w_en.eq(announces),
             numbers.w_data.eq(known_of_it.number),
             numbers.r_en.eq(ends),

@@ -1,41 +1,77 @@
-"""Ports that several components have in common, and how they are handed on."""
+"""Ports that several components have in common, and how to connect them."""
 
-from amaranth.hdl import signed
+from amaranth.hdl import Signal, signed, unsigned
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from .payloads import COORDINATE_BITS
+from .protocol import TABLES, registers
 
-__all__ = ["REGISTERS", "TABLE_PORT", "connect_ports"]
+__all__ = ["TABLE_PORT", "connect_ports", "register_ports", "register_shape", "sample_registers"]
 
-#: Registers that measuring needs, by their names in :mod:`hdl.protocol`.
-REGISTERS = {
-    "threshold_fixed": In(1),
-    "threshold_level": In(8),
-    "threshold_alpha": In(8),
-    "erosion_mode": In(2),
-    "weighted": In(1),
-    "area_min": In(8),
-    "area_max": In(8),
-    "report_rejected": In(1),
-    "principal_u": In(COORDINATE_BITS),
-    "principal_v": In(COORDINATE_BITS),
-    "tangential_1": In(signed(18)),
-    "tangential_2": In(signed(18)),
-    "divisor": In(16),
-    "full_records": In(1),
-    "texture_enable": In(1),
-    "points_max": In(8),
-}
-#: How the host reaches the tables; numbers and words are those of :data:`hdl.protocol.TABLES`.
+_REGISTERS = {register.name: register for register in registers()}
+_WORD_BITS = max(table.bits for table in TABLES)
+#: Access to the tables for the host; numbers and words are those of :data:`hdl.protocol.TABLES`.
 TABLE_PORT = {
     "bank": In(1),
     "table_write": In(1),
     "table_read": In(1),
-    "table_select": In(2),
-    "table_address": In(10),
-    "table_data": In(72),
-    "table_word": Out(72),
+    "table_select": In(range(len(TABLES))),
+    "table_address": In(range(max(table.words for table in TABLES))),
+    "table_data": In(_WORD_BITS),
+    "table_word": Out(_WORD_BITS),
 }
+
+
+def register_shape(register):
+    """Shape of a signal that holds ``register``, a :class:`hdl.protocol.Register`."""
+    return signed(register.bits) if register.signed else unsigned(register.bits)
+
+
+def register_ports(*names):
+    """Inputs for registers, as wide and as signed as the protocol has them.
+
+    Parameters
+    ----------
+    names : :class:`str`
+        Names of registers in :func:`hdl.protocol.registers`.
+
+    Returns
+    -------
+    :class:`dict`
+        Members of a signature, by the registers' names.
+
+    Raises
+    ------
+    LookupError
+        If the protocol has no register of a name.
+    """
+    for name in names:
+        if name not in _REGISTERS:
+            raise LookupError(f"The protocol has no register {name!r}")
+    return {name: In(register_shape(_REGISTERS[name])) for name in names}
+
+
+def sample_registers(m, component, domains=None):
+    """Put a flip-flop behind every register port of ``component``.
+
+    Parameters
+    ----------
+    m : :class:`amaranth.hdl.Module`
+        Where the statements go.
+    component
+        A component whose ``registers`` are those of :func:`register_ports`.
+    domains : :class:`dict`
+        Clock domains by the registers' names; others are in ``sync``.
+
+    Returns
+    -------
+    :class:`dict`
+        Sampled values by the registers' names.
+    """
+    sampled = {}
+    for name, member in component.registers.items():
+        sampled[name] = Signal(member.shape, name=name)
+        m.d[(domains or {}).get(name, "sync")] += sampled[name].eq(getattr(component, name))
+    return sampled
 
 
 def connect_ports(m, members, outer, inner):

@@ -8,7 +8,7 @@ from .common.stage import Stage
 from .common.table_memory import TableMemory
 from .config import check_config
 from .payloads import Counts, Point, Spot, Undistorted
-from .ports import REGISTERS, TABLE_PORT
+from .ports import TABLE_PORT, connect_ports
 from .preprocessing.centre import Centring
 from .preprocessing.spot_queue import SpotQueue
 from .protocol import TABLES
@@ -18,14 +18,12 @@ from .stereo.undistort import Undistort
 
 __all__ = ["Reconstruction"]
 
-_SCREENING = ("area_min", "area_max", "report_rejected")
-_LENS = ("principal_u", "principal_v", "tangential_1", "tangential_2")
 
 
 class Reconstruction(wiring.Component):
-    """Turns what labelling found into points: screening, centre, lens, beam, depth.
+    """Turns what labelling found into points: filter, centre, lens, beam, depth.
 
-    Takes a spot a clock; those for which the queue has no room are dropped whole and counted. A
+    Takes a spot a clock; when the queue is full, spots are dropped whole and counted. A
     spot's point comes after the sum of the latencies in ``hdl/README.md``, and spots follow each
     other as fast as the slowest stage lets them.
 
@@ -46,11 +44,11 @@ class Reconstruction(wiring.Component):
         Points and end markers.
     counts : :py:`Out(stream.Signature(Counts))`
         One for each frame, there before the frame's end marker is.
-    moves : :py:`Out(1)`
-        A spot goes from one stage to the next, or waits to. No stage keeps one to itself for
-        longer than :data:`hdl.periphery.LINGER` clocks.
-    area_min, area_max, report_rejected, principal_u, principal_v, tangential_1, tangential_2
-        Registers, see ``hdl/protocol.py``. May change while no spot is under way.
+    active : :py:`Out(1)`
+        A spot passes from one stage to the next in this clock, or waits to. No stage keeps one to
+        itself for longer than :data:`hdl.common.activity.IDLE_TIMEOUT` clocks.
+    registers
+        See ``hdl/protocol.py``. May change while no spot is under way.
     bank : :py:`In(1)`
         Bank of the tables that spots are measured with. May change while no spot is under way.
     table_write, table_read, table_select, table_address, table_data
@@ -62,10 +60,10 @@ class Reconstruction(wiring.Component):
     Attributes
     ----------
     registers : :class:`dict`
-        Members for the registers that are heard.
+        Members for the registers that are used.
     """
 
-    registers = {name: REGISTERS[name] for name in (*_SCREENING, *_LENS)}
+    registers = {**SpotQueue.registers, **Undistort.registers}
 
     def __init__(self, config):
         check_config(config)
@@ -74,7 +72,7 @@ class Reconstruction(wiring.Component):
             "i": In(stream.Signature(Spot)),
             "o": Out(stream.Signature(Point)),
             "counts": Out(stream.Signature(Counts)),
-            "moves": Out(1),
+            "active": Out(1),
             **self.registers,
             **TABLE_PORT,
         })
@@ -100,13 +98,13 @@ class Reconstruction(wiring.Component):
         connect(m, depth.o, flipped(self.o))
         connect(m, spot_queue.counts, flipped(self.counts))
         m.d.comb += [
-            *(getattr(spot_queue, name).eq(getattr(self, name)) for name in _SCREENING),
-            *(getattr(undistort, name).eq(getattr(self, name)) for name in _LENS),
-            self.moves.eq(Cat(
+            self.active.eq(Cat(
                 self.i.valid, spot_stage.o.valid, spot_queue.o.valid, spot_queue.counts.valid,
                 centre.o.valid, undistort.o.valid, match_stage.o.valid, epipolar.o.valid,
                 depth.o.valid).any()),
         ]
+        connect_ports(m, spot_queue.registers, self, spot_queue)
+        connect_ports(m, undistort.registers, self, undistort)
 
         # Tables. Depth and reciprocals share a memory, each block with a port of its own.
         m.submodules.shared_table = shared_table = TableMemory(config.beams)

@@ -5,6 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ..payloads import FrameTag
+from ..ports import register_ports
 from ..protocol import Mode
 from .exposure import Exposure, clocks_per_us
 
@@ -94,6 +95,7 @@ class Sequencer(wiring.Component):
 
     #: Clocks from ``frame_start`` to ``sensor_reset``.
     latency = 2
+    registers = register_ports("mode", "pattern_as_texture", *_TIMES)
 
     def __init__(self, clock_hz=16_000_000, begin_us=5000, frame_us=20_000, warm_up_us=100_000):
         self.clock_hz, self.clocks = clock_hz, clocks_per_us(clock_hz)
@@ -112,9 +114,7 @@ class Sequencer(wiring.Component):
                              f"microseconds, not {warm_up_us!r}")
         self.begin_us, self.frame_us, self.warm_up_us = begin_us, frame_us, warm_up_us
         super().__init__({
-            "mode": In(2),
-            "pattern_as_texture": In(1),
-            **{name: In(16) for name in _TIMES},
+            **self.registers,
             "frame_begun": In(1),
             "frame_ended": In(1),
             "frame_broken": In(1),

@@ -7,6 +7,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from ..payloads import Counts, FrameInfo, PacketOctet, Point
+from ..ports import register_ports
 from ..protocol import COMPACT, CONTENT_LIMIT, TRAILER_FIELDS, PacketKind
 
 __all__ = ["Points"]
@@ -57,12 +58,14 @@ class Points(wiring.Component):
         Packets.
     """
 
+    registers = register_ports("full_records")
+
     def __init__(self):
         super().__init__({
             "i": In(stream.Signature(Point)),
             "counts": In(stream.Signature(Counts)),
             "info": In(stream.Signature(FrameInfo)),
-            "full_records": In(1),
+            **self.registers,
             "o": Out(stream.Signature(PacketOctet)),
         })
 

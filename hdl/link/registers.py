@@ -4,6 +4,7 @@ from amaranth import *
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from hdl.ports import register_shape
 from hdl.protocol import Mode, registers
 
 __all__ = ["Registers", "register_members"]
@@ -23,12 +24,8 @@ def register_members(clock_hz, baud):
     if not 2 <= round(clock_hz / baud) < 1 << 16:
         raise ValueError(f"{baud} baud cannot be made of a clock of {clock_hz} Hz: a bit must "
                          "take 2 to 65535 clocks")
-    return {register.name: Out(_shape(register), init=register.reset)
+    return {register.name: Out(register_shape(register), init=register.reset)
             for register in registers(clock_hz, baud)}
-
-
-def _shape(register):
-    return signed(register.bits) if register.signed else unsigned(register.bits)
 
 
 class Registers(wiring.Component):
@@ -95,7 +92,7 @@ class Registers(wiring.Component):
         for meant, register in zip(chosen, self.table, strict=True):
             name = register.name
             value = written[name] = Signal(
-                _shape(register), name=f"{name}_written", init=register.reset)
+                register_shape(register), name=f"{name}_written", init=register.reset)
             with m.If(meant & self.write):
                 m.d.sync += value.eq(self.value)
             fits |= meant & self._fits(register)

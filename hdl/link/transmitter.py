@@ -5,6 +5,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from ..payloads import FrameInfo, GreyPixel, PacketOctet
+from ..ports import register_ports
 from .framer import Framer
 from .scheduler import Scheduler
 from .texture import Texture
@@ -46,6 +47,8 @@ class Transmitter(wiring.Component):
         A packet is on the line, or waits for it.
     """
 
+    registers = register_ports("texture_enable", "divisor")
+
     def __init__(self, width, height):
         self.width, self.height = width, height
         super().__init__({
@@ -54,10 +57,9 @@ class Transmitter(wiring.Component):
             "more": In(1),
             "texture": In(stream.Signature(GreyPixel)),
             "texture_info": In(stream.Signature(FrameInfo)),
-            "texture_enable": In(1),
             "bad_sync": In(8),
             "overrun": In(8),
-            "divisor": In(16),
+            **self.registers,
             "cts": In(1),
             "tx": Out(1, init=1),
             "packets": Out(16),

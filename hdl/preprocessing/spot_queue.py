@@ -6,6 +6,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from hdl.payloads import AREA_LIMIT, Counts, QueuedSpot, Spot
+from hdl.ports import register_ports
 
 __all__ = ["SpotQueue"]
 
@@ -52,6 +53,8 @@ class SpotQueue(wiring.Component):
         Queue rejected spots too.
     """
 
+    registers = register_ports("area_min", "area_max", "report_rejected")
+
     def __init__(self, depth=64):
         if not isinstance(depth, int) or not 8 <= depth <= 512:
             raise ValueError(f"Depth must be an integer from 8 to 512, not {depth!r}")
@@ -60,9 +63,7 @@ class SpotQueue(wiring.Component):
             "i": In(stream.Signature(Spot)),
             "o": Out(stream.Signature(QueuedSpot)),
             "counts": Out(stream.Signature(Counts)),
-            "area_min": In(8),
-            "area_max": In(8),
-            "report_rejected": In(1),
+            **self.registers,
         })
 
     def elaborate(self, platform):

@@ -5,7 +5,8 @@ from amaranth.lib import enum, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from hdl.payloads import COORDINATE_BITS, Centre, Undistorted
+from hdl.payloads import Centre, Undistorted
+from hdl.ports import register_ports
 
 __all__ = ["Undistort"]
 
@@ -87,6 +88,8 @@ class Undistort(wiring.Component):
         Clocks from spot to spot while ``o`` is ready: one more.
     """
 
+    registers = register_ports("principal_u", "principal_v", "tangential_1", "tangential_2")
+
     def __init__(self, width, height, rounds=2):
         for name, value in [("width", width), ("height", height)]:
             if not isinstance(value, int) or not 16 <= value <= 512:
@@ -102,10 +105,7 @@ class Undistort(wiring.Component):
         super().__init__({
             "i": In(stream.Signature(Centre)),
             "o": Out(stream.Signature(Undistorted)),
-            "principal_u": In(COORDINATE_BITS),
-            "principal_v": In(COORDINATE_BITS),
-            "tangential_1": In(signed(18)),
-            "tangential_2": In(signed(18)),
+            **self.registers,
             "bank": In(1),
             "write_bank": In(1),
             "radial_write_enable": In(1),

@@ -96,7 +96,7 @@ BLOCKS = tuple(Block(name, unit) for unit, names in {
     "link": "point_limiter points texture scheduler framer uart_tx transmitter uart_rx receiver "
             "registers commands",
     "display": "overlay vga",
-    "common": "table_memory stage point_fifo sram",
+    "common": "table_memory stage point_fifo sram activity",
 }.items() for name in names.split())
 #: Blocks that have other ports in another preset than the one that their name tells. They are
 #: proved and checked too, but are no files of an export.
@@ -104,12 +104,14 @@ VARIANTS = (Block("commands, paper", "link"),)
 #: The whole design.
 TOP = Block("instrument", "")
 #: What is made of other blocks, each of which has its own bench and proofs.
-ASSEMBLIES = (*(Block(name, "") for name in (
-    "periphery", "reconstruction", "capsule", "paper_points", "paper")), TOP)
+ASSEMBLIES = (
+    Block("front_end", "acquisition"), Block("point_link", "link"),
+    *(Block(name, "") for name in (
+        "reconstruction", "capsule_points", "capsule", "paper_points", "paper")), TOP)
 
 
 def present():
-    """Blocks that have a file: those of the list, then those it does not know, then the wholes."""
+    """Blocks that have a file: the listed ones, then any others, then the assemblies."""
     unlisted = (
         Block(file.stem, unit) for unit in UNITS
         for file in sorted((HDL / unit).glob("[a-z]*.py"))

@@ -1,11 +1,12 @@
 // The Verilated capsule as a plain C library: frames in at the camera's pins, octets out of the
 // serial pin. No VPI; one pixel a clock. The spot side's clock stands still while it is not busy; the
-// UART runs at one clock a bit. With PAPER defined it is the preset paper, its memory beside it.
+// line is read at one clock a bit. With PAPER defined it is the preset paper, its memory beside it.
 #include "Vcapsule.h"
 #include "verilated.h"
 
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <vector>
 
 namespace {
@@ -14,7 +15,7 @@ struct Harness {
     VerilatedContext context;
     Vcapsule top{&context, "TOP"};
     uint64_t clocks = 0;
-    int bit = -1;  // place in the character on the serial line; -1 between characters
+    int bit = -1;  // position in the character on the serial line; -1 between characters
     uint8_t character = 0;
     std::vector<uint8_t> octets;
 
@@ -46,7 +47,7 @@ struct Harness {
         }
 #else
     void clock(bool spot_side = false) {
-        // Every change of a clock is a rising edge here, see native.py.
+        // Every change of a clock is a rising edge here, see library.py.
         top.clk ^= 1;
         top.spot_clk ^= top.busy | spot_side;
         top.eval();
@@ -67,7 +68,11 @@ struct Harness {
 
 extern "C" {
 
-Harness* capsule_new() { return new Harness; }
+Harness* capsule_new() {
+    auto harness = new Harness;
+    harness->top.cts = 1;
+    return harness;
+}
 
 void capsule_free(Harness* harness) {
     harness->top.final();
@@ -76,24 +81,13 @@ void capsule_free(Harness* harness) {
 
 uint64_t capsule_clocks(const Harness* harness) { return harness->clocks; }
 
-// Registers, in the order of `Settings.registers` in model/settings.py.
-void capsule_configure(Harness* harness, const uint32_t* value) {
-    auto& top = harness->top;
-    top.threshold_fixed = value[0];
-    top.threshold_level = value[1];
-    top.threshold_alpha = value[2];
-    top.erosion_mode = value[3];
-    top.weighted = value[4];
-    top.area_min = value[5];
-    top.area_max = value[6];
-    top.report_rejected = value[7];
-    top.principal_u = value[8];
-    top.principal_v = value[9];
-    top.tangential_1 = value[10];
-    top.tangential_2 = value[11];
-    top.full_records = value[12];
-    top.divisor = 1;
-    top.cts = 1;
+// Sets a register; false if the chip has none of that name. REGISTERS(SET) stands for SET(name) of
+// every register and is defined before this file, from the chip's list.
+bool capsule_set(Harness* harness, const char* name, uint32_t value) {
+#define SET(port) if (!std::strcmp(name, #port)) return harness->top.port = value, true;
+    REGISTERS(SET)
+#undef SET
+    return false;
 }
 
 // One word of a table; `word` holds 72 bits in three 32-bit parts, low part first.

@@ -96,18 +96,23 @@ def require_compiler():
                             "or use --engine model, which gives identical points.")
 
 
-def _verilog(config):
-    """The chip as the harness wants it; pixels and system share a clock."""
+def _design(config):
+    """Class of the chip in ``config``."""
     from hdl.capsule import Capsule
     from hdl.paper import Paper
 
+    return Paper if config.preset == "paper" else Capsule
+
+
+def _verilog(config):
+    """The chip as the harness needs it; pixels and system share a clock."""
+    chip = _design(config)(config, clock_gated=True)
     clocks = {"sync": "clk", "pixel": "clk", "spot": "spot_clk"}
     if config.preset == "paper":
-        return clocked_verilog(Paper(config, clock_gated=True), "capsule",
-                               {**clocks, "display": "display_clk"}, any_edge=False)
+        return clocked_verilog(chip, "capsule", {**clocks, "display": "display_clk"},
+                               any_edge=False)
     tables = ("table_write", "table_read", "table_select", "table_address", "table_data")
-    return clocked_verilog(
-        Capsule(config, clock_gated=True), "capsule", clocks, dict.fromkeys(tables, "spot"))
+    return clocked_verilog(chip, "capsule", clocks, dict.fromkeys(tables, "spot"))
 
 
 def _library(config):
@@ -116,8 +121,10 @@ def _library(config):
         require_compiler()
         return _verilog(config)
 
+    setters = " ".join(f"X({name})" for name in _design(config).registers)
     return build("capsule", repr(config) + rtl_sources(__file__), verilog,
-                 harness("capsule.cpp", config.preset == "paper"))
+                 f"#define REGISTERS(X) {setters}\n"
+                 + harness("capsule.cpp", config.preset == "paper"))
 
 
 class RTLEngine(_Engine):
@@ -145,6 +152,7 @@ class RTLEngine(_Engine):
         library.capsule_new.restype = ctypes.c_void_p
         library.capsule_clocks.restype = ctypes.c_uint64
         library.capsule_octets.restype = ctypes.c_size_t
+        library.capsule_set.restype = ctypes.c_bool
         self._handle = ctypes.c_void_p(library.capsule_new())
         self._room = ctypes.create_string_buffer(1 << 20)
         library.capsule_idle(self._handle, ctypes.c_uint64(64))
@@ -161,8 +169,11 @@ class RTLEngine(_Engine):
         return self._library.capsule_clocks(self._handle)
 
     def _load(self, settings):
-        words = [*settings.registers().values(), int(self.full_records)]
-        self._library.capsule_configure(self._handle, (ctypes.c_uint32 * len(words))(*words))
+        values = {**settings.registers(), "full_records": self.full_records, "divisor": 1}
+        for name in values.keys() & _design(self.config).registers.keys():
+            if not self._library.capsule_set(
+                    self._handle, name.encode(), ctypes.c_uint32(int(values[name]))):
+                raise LookupError(f"The simulated chip has no register {name!r}")
         for memory, address, word in settings.table_words():
             parts = (ctypes.c_uint32 * 3)(*(word >> 32 * part & 0xFFFFFFFF for part in range(3)))
             self._library.capsule_write_table(

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from amaranth.hdl import Shape
 
 from hdl.capsule import Capsule
 from hdl.config import PRESETS
@@ -23,6 +24,15 @@ _TIMING = ("--timing", "-CFLAGS", "-std=c++20")
 @cache
 def _capsule(config, clock_gated):
     return to_fast_verilog(Capsule(config, clock_gated), "capsule")
+
+
+def _register_macros():
+    """Verilog macros for ``rig.v`` that declare and connect the capsule's registers."""
+    members = Capsule.registers.items()
+    declared = " ".join(f"reg [{Shape.cast(member.shape).width - 1}:0] {name} = 0;"
+                        for name, member in members)
+    connected = ", ".join(f".{name}({name})" for name, _ in members)
+    return f"`define REGISTERS {declared}\n`define REGISTER_PORTS {connected}\n"
 
 
 def show(request, config, settings, images, divisor=1, clock_gated=True, **sensor):
@@ -50,7 +60,7 @@ def show(request, config, settings, images, divisor=1, clock_gated=True, **senso
     (decoded frames, seconds from the first pixel to the last octet)
     """
     texts = {
-        "rig.v": (Path(__file__).parent / "rig.v").read_text(),
+        "rig.v": _register_macros() + (Path(__file__).parent / "rig.v").read_text(),
         "capsule.v": _capsule(config, clock_gated)}
     for name, value in (("WIDTH", config.width), ("HEIGHT", config.height)):
         head, _, rest = texts["rig.v"].partition(f"parameter {name} = ")

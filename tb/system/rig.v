@@ -98,21 +98,9 @@ module rig #(
         end
     end
 
-    // Registers and tables, driven by the bench.
-    reg threshold_fixed = 0;
-    reg [7:0] threshold_level = 0;
-    reg [7:0] threshold_alpha = 0;
-    reg [1:0] erosion_mode = 0;
-    reg weighted = 0;
-    reg [7:0] area_min = 0;
-    reg [7:0] area_max = 0;
-    reg report_rejected = 0;
-    reg [17:0] principal_u = 0;
-    reg [17:0] principal_v = 0;
-    reg [17:0] tangential_1 = 0;
-    reg [17:0] tangential_2 = 0;
-    reg [15:0] divisor = 1;
-    reg full_records = 1;
+    // Registers and tables, driven by the bench. frames.py defines `REGISTERS, which declares every
+    // register of the capsule, and `REGISTER_PORTS, which connects them.
+    `REGISTERS
     reg bank = 0;
     reg table_write = 0;
     reg [1:0] table_select = 0;
@@ -128,12 +116,9 @@ module rig #(
         .spot_clk(spot_clk), .spot_rst(rst),
 `endif
         .frame_valid(frame_valid), .line_valid(line_valid), .data(data), .tx(tx),
-        .threshold_fixed(threshold_fixed), .threshold_level(threshold_level), .threshold_alpha(threshold_alpha),
-        .erosion_mode(erosion_mode), .weighted(weighted), .area_min(area_min),
-        .area_max(area_max), .report_rejected(report_rejected), .principal_u(principal_u),
-        .principal_v(principal_v), .tangential_1(tangential_1), .tangential_2(tangential_2),
-        .divisor(divisor), .full_records(full_records), .texture_enable(1'b0), .points_max(8'd0), .cts(1'b1),
-        .wake(1'b0), .tag(0), .tripped(1'b0), .tables_valid(1'b1), .reply_valid(1'b0), .reply_payload(0),
+        `REGISTER_PORTS,
+        .cts(1'b1), .wake(1'b0), .tag(0), .tripped(1'b0), .tables_valid(1'b1),
+        .reply_valid(1'b0), .reply_payload(0),
         .table_write(table_write), .table_read(1'b0), .bank(bank),
         .table_select(table_select),
         .table_address(table_address), .table_data(table_data)

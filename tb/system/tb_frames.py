@@ -23,9 +23,10 @@ class Rig:
         """Reset, load registers and tables, listen."""
         dut, settings = self.dut, self.case["settings"]
         dut.rst.value = 1
-        for name, value in settings.registers().items():
+        divisor = self.case.get("divisor", 1)
+        registers = {**settings.registers(), "divisor": divisor, "full_records": 1}
+        for name, value in registers.items():
             getattr(dut, name).value = value
-        dut.divisor.value = self.case.get("divisor", 1)
         await ClockCycles(dut.clk, 4)
         dut.rst.value = 0
         await ClockCycles(dut.clk, 4)

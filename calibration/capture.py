@@ -5,26 +5,29 @@ chessboard, ``planes/`` with pattern frames of a flat target and ``planes/planes
 distances. The frames to measure are no business of the calibration.
 """
 
-import csv
-import math
-import struct
 import tomllib
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
-import numpy as np
-
+from calibration.csv_table import read_table
+from calibration.files import read_octets
+from calibration.image import LARGEST, SUFFIXES, read_image
 from calibration.projector import Projector
 from model.errors import UserError
 
 __all__ = ["Capture", "read_capture", "read_image"]
 
-SUFFIXES = (".png", ".jpg", ".jpeg")
-#: Coordinates have 9 bits before the point.
-LARGEST = 512
 MOST_BEAMS = 128
+#: Larger lengths are typing errors.
+MOST_MM, MOST_PX = 100_000, 100_000
+#: Octets of a capture.toml; it needs a few hundred.
+_MOST_TOML = 1 << 14
+#: How many unused files a note names.
+_NAMED = 5
+_KEYS = {
+    "sensor": ("width", "height", "focal_px"),
+    "projector": ("rows", "columns", "pitch_deg", "rotation_deg", "toe_in_deg", "base_mm"),
+    "lens": ("board_columns", "board_rows", "square_mm")}
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,8 @@ class Capture:
         Photographs of it, sorted by name.
     planes : tuple of (:class:`pathlib.Path`, :class:`float`)
         Pattern frames and their distances in mm, in the order of ``planes.csv``.
+    notes : tuple of :class:`str`
+        What is there and not used.
     """
 
     folder: Path
@@ -61,100 +66,16 @@ class Capture:
     square_mm: float
     lens_paths: tuple
     planes: tuple
+    notes: tuple = ()
 
     def lens_images(self) -> list:
-        """Names and pictures of the chessboard photographs."""
+        """Names and pixels of the chessboard photographs."""
         return [(path.name, read_image(path, self.width, self.height)) for path in self.lens_paths]
 
     def plane_images(self) -> list:
-        """Names, distances in mm and pictures of the plane frames."""
+        """Names, distances in mm and pixels of the plane frames."""
         return [(path.name, z_mm, read_image(path, self.width, self.height))
                 for path, z_mm in self.planes]
-
-
-def _png_is_whole(data):
-    """Whether every chunk of a PNG is there, up to the last, with the checksum it names."""
-    place = 8
-    while place + 12 <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, place)
-        end = place + 12 + length
-        if end > len(data):
-            return False
-        if zlib.crc32(data[place + 4:end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
-            return False
-        if kind == b"IEND":
-            return True
-        place = end
-    return False
-
-
-def _is_whole(data):
-    """Whether the file ends where its format says; OpenCV shows half a picture without a word."""
-    if data.startswith(b"\x89PNG\r\n\x1a\n"):
-        return _png_is_whole(data)
-    if data.startswith(b"\xff\xd8"):
-        return b"\xff\xd9" in data[-1024:]
-    if data.startswith(b"BM") and len(data) >= 6:
-        return len(data) >= struct.unpack_from("<I", data, 2)[0]
-    return True
-
-
-def _octets(path, what):
-    """Contents of a file, or a sentence."""
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise UserError(f"{path} does not exist: {what}.") from None
-    except (IsADirectoryError, NotADirectoryError):
-        raise UserError(f"{path} is not a file: {what}.") from None
-    except OSError as error:
-        raise UserError(f"{path} cannot be read ({error.strerror}): {what}.") from error
-
-
-def _decode(data):
-    """Picture, or None; without OpenCV's own remarks, for one sentence is enough."""
-    logging = cv2.utils.logging
-    level = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
-    try:
-        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        return None
-    finally:
-        logging.setLogLevel(level)
-
-
-def read_image(path, width=None, height=None) -> np.ndarray:
-    """An 8-bit grey picture of the sensor's size, as a 2-D ``uint8`` array.
-
-    Raises :class:`model.errors.UserError` if the file is missing, empty, truncated, unreadable,
-    in colour, of another depth than 8 bits, or of another size.
-
-    Parameters
-    ----------
-    path : path
-        PNG, JPEG or whatever else OpenCV reads.
-    width, height : :class:`int` or None
-        The size it must have; any if None.
-    """
-    path = Path(path)
-    data = _octets(path, "name an 8-bit grey image")
-    if not data:
-        raise UserError(f"{path} is empty: copy or record it again.")
-    if not _is_whole(data):
-        raise UserError(f"{path} is truncated or damaged: copy or record it again.")
-    image = _decode(data)
-    if image is None or not image.size:
-        raise UserError(f"{path} cannot be read as an image: save it as an 8-bit grey PNG.")
-    if image.ndim != 2:
-        raise UserError(f"{path} is a colour image: save it as 8-bit grey.")
-    if image.dtype != np.uint8:
-        raise UserError(
-            f"{path} has {8 * image.dtype.itemsize} bits per pixel: save it as 8-bit grey.")
-    if width is not None and image.shape != (height, width):
-        raise UserError(
-            f"{path} has {image.shape[1]} x {image.shape[0]} pixels instead of the sensor's "
-            f"{width} x {height}: record it with that sensor, neither scaled nor cropped.")
-    return image
 
 
 class _Table:
@@ -167,8 +88,9 @@ class _Table:
             raise UserError(f"{path} has no section [{name}]: add it.")
 
     def _refuse(self, key, must):
-        raise UserError(
-            f"{self._path}: {key} in [{self._name}] must be {must}, not {self._values[key]!r}.")
+        value = repr(self._values[key])
+        value = value if len(value) <= 60 else f"{value[:60]}..."
+        raise UserError(f"{self._path}: {key} in [{self._name}] must be {must}, not {value}.")
 
     def _get(self, key):
         if key not in self._values:
@@ -181,69 +103,75 @@ class _Table:
             self._refuse(key, f"an integer from {low} to {high}")
         return value
 
-    def number(self, key, low=None, high=None, must="a number"):
+    def number(self, key, low, high, must):
         value = self._get(key)
-        if (type(value) not in (int, float) or not math.isfinite(value)
-                or (low is not None and value <= low) or (high is not None and value >= high)):
+        if type(value) not in (int, float) or not low < value < high:
             self._refuse(key, must)
         return float(value)
 
     def vector(self, key):
         value = self._get(key)
         good = isinstance(value, list) and len(value) == 3 and all(
-            type(part) in (int, float) and math.isfinite(part) for part in value)
+            type(part) in (int, float) and abs(part) <= MOST_MM for part in value)
         if not good or value[0] == 0:
-            self._refuse(key, "three numbers [x, y, z], x other than 0")
+            self._refuse(key, f"three numbers [x, y, z] of up to {MOST_MM} mm, x other than 0")
         return tuple(float(part) for part in value)
 
 
 def _read_toml(path):
-    data = _octets(path, "name a capture folder, which holds a capture.toml")
+    data = read_octets(path, "name a capture folder, which holds a capture.toml", _MOST_TOML)
     try:
         return tomllib.loads(data.decode("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except RecursionError:
+        raise UserError(f"{path} is nested too deeply: write sections of plain values.") from None
+    except ValueError as error:
         raise UserError(f"{path} is not valid TOML: {' '.join(str(error).split())}.") from error
 
 
+def _some(names):
+    """The first names of a list, and how many more there are."""
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more
+
+
+def _unknown_keys(path, content):
+    """A note on what nobody reads, for it may be misspelt."""
+    unknown = [name for name in content if name not in _KEYS]
+    unknown += [f"{key} in [{name}]" for name, keys in _KEYS.items()
+                for key in content[name] if key not in keys]
+    return [f"{path} has values that are not used: {_some(unknown)}"] if unknown else []
+
+
 def _read_planes(path):
-    data = _octets(path, "list the plane frames in it, with the columns file,z_mm")
-    try:
-        rows = list(csv.reader(data.decode("utf-8-sig").splitlines(), strict=True))
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise UserError(f"{path} is not a table ({error}): write the columns file,z_mm.") from error
-    rows = [(number, [cell.strip() for cell in row])
-            for number, row in enumerate(rows, 1) if any(cell.strip() for cell in row)]
-    header = rows[0][1] if rows else []
-    if not {"file", "z_mm"} <= set(header):
-        raise UserError(f"{path} must have the columns file,z_mm in its first line.")
     planes, lines = [], {}
-    for number, row in rows[1:]:
-        cells = dict(zip(header, row, strict=False))
-        name, text = cells.get("file", ""), cells.get("z_mm", "")
+    for row in read_table(path, ("file", "z_mm"),
+                          "list the plane frames in it, with the columns file,z_mm"):
+        name = row.text("file")
         if not name or Path(name).name != name:
-            raise UserError(
-                f"{path}, line {number}: {name!r} is not the name of a file beside it.")
+            row.refuse(f"{name!r} is not the name of a file beside it")
         if name in lines:
-            raise UserError(f"{path} names {name} twice, in lines {lines[name]} and {number}.")
-        lines[name] = number
-        try:
-            z_mm = float(text)
-        except ValueError:
-            z_mm = math.nan
-        if not 0 < z_mm < math.inf:
-            raise UserError(
-                f"{path}, line {number}: z_mm must be the distance in mm, not {text!r}.")
-        picture = path.with_name(name)
-        if not picture.is_file():
-            raise UserError(f"{path}, line {number}: {picture} does not exist.")
-        planes.append((picture, z_mm))
+            raise UserError(f"{path} names {name} twice, in lines {lines[name]} and {row.line}.")
+        lines[name] = row.line
+        z_mm = row.number("z_mm", 1e-3, MOST_MM,
+                          f"the distance in mm, above 0 and up to {MOST_MM}")
+        image = path.with_name(name)
+        if not image.is_file():
+            row.refuse(f"{image} does not exist")
+        planes.append((image, z_mm))
     if not planes:
         raise UserError(f"{path} names no plane frames: add a line file,z_mm for each.")
     return tuple(planes)
 
 
+def _unused(folder, used):
+    """A note on the files in a folder that are not used; hidden ones are nobody's business."""
+    names = sorted(entry.name for entry in folder.iterdir()
+                   if not entry.name.startswith(".") and entry.name not in used)
+    return [f"not used in {folder}: {_some(names)}"] if names else []
+
+
 def read_capture(folder) -> Capture:
-    """A capture folder, without its pictures, which are read when asked for.
+    """A capture folder, without its images, which are read when asked for.
 
     Raises :class:`model.errors.UserError` if anything the calibration needs is missing or wrong.
     """
@@ -256,7 +184,7 @@ def read_capture(folder) -> Capture:
             f"{folder} is empty: a capture folder holds capture.toml, lens/ and planes/.")
     path = folder / "capture.toml"
     content = _read_toml(path)
-    sensor, mesh, board = (_Table(path, content, name) for name in ("sensor", "projector", "lens"))
+    sensor, mesh, board = (_Table(path, content, name) for name in _KEYS)
 
     def angle(key, low, high):
         return mesh.number(key, low, high, f"an angle between {low} and {high} degrees")
@@ -278,11 +206,14 @@ def read_capture(folder) -> Capture:
     if not photographs:
         raise UserError(f"{lens} holds no images ({' '.join(SUFFIXES)}): put photographs of the "
                         "chessboard there.")
+    planes = _read_planes(folder / "planes" / "planes.csv")
+    notes = [*_unknown_keys(path, content), *_unused(lens, {path.name for path in photographs}),
+             *_unused(folder / "planes", {"planes.csv", *(path.name for path, _ in planes)})]
     return Capture(
         folder=folder, width=sensor.integer("width", 8, LARGEST),
         height=sensor.integer("height", 8, LARGEST),
-        focal_px=sensor.number("focal_px", 0, None, "a positive number of pixels"),
+        focal_px=sensor.number("focal_px", 0, MOST_PX, f"a number of pixels, up to {MOST_PX}"),
         projector=projector, board_columns=board.integer("board_columns", 3, 100),
         board_rows=board.integer("board_rows", 3, 100),
-        square_mm=board.number("square_mm", 0, None, "a positive number of mm"),
-        lens_paths=tuple(photographs), planes=_read_planes(folder / "planes" / "planes.csv"))
+        square_mm=board.number("square_mm", 0, MOST_MM, f"a number of mm, up to {MOST_MM}"),
+        lens_paths=tuple(photographs), planes=planes, notes=tuple(notes))

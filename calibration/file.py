@@ -5,25 +5,26 @@ exactly as it was written or not at all.
 """
 
 import json
-import os
-import tempfile
+import shlex
 import zlib
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from dataclasses import asdict, dataclass, field, fields, replace
 
 import numpy as np
 
+from calibration.checked import InvalidError, parse_json
+from calibration.content import checked_content
+from calibration.files import beside, read_octets
 from calibration.lens import Lens
 from calibration.projector import Projector
-from calibration.remap import remap_table
 from model.errors import UserError
-from model.settings import EROSION_MODES, RADIAL_WORDS, RECIPROCAL_WORDS, Settings
+from model.settings import Settings
 
-__all__ = ["FORMAT", "VERSION", "Beam", "Calibration", "beside", "decode", "encode", "load", "save"]
+__all__ = ["FORMAT", "VERSION", "Beam", "Calibration", "decode", "encode", "load", "save"]
 
 FORMAT = "cyclope calibration"
 VERSION = 1
+#: Octets of a file; 128 beams need a tenth of them.
+_MOST = 1 << 20
 
 _UNITS = {
     "length": "mm", "angle": "degree", "image": "px, (0, 0) at the centre of the first pixel",
@@ -147,43 +148,10 @@ def encode(calibration):
     return body + _TRAILER % zlib.crc32(body)
 
 
-@contextmanager
-def beside(path):
-    """A binary file to write that becomes ``path`` when all went well, and nothing if not."""
-    path = Path(path)
-    try:
-        handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                yield file
-            mask = os.umask(0)
-            os.umask(mask)
-            os.chmod(part, 0o666 & ~mask)
-            os.replace(part, path)
-        except BaseException:
-            os.unlink(part)
-            raise
-    except OSError as error:
-        raise UserError(f"{path} cannot be written: {error.strerror}.") from error
-
-
 def save(calibration, path):
     """Write the file beside ``path``, then rename it: there is never half a calibration."""
     with beside(path) as file:
         file.write(encode(calibration))
-
-
-def _settings(content, lens):
-    remapped = content.pop("remap", False)
-    content = {key: tuple(value) if isinstance(value, list) else value
-               for key, value in content.items()}
-    settings = Settings(**content)
-    sizes = ((settings.radial, RADIAL_WORDS), (settings.reciprocal, RECIPROCAL_WORDS),
-             (settings.window, len(settings.line)), (settings.depth, 2 * len(settings.line)))
-    if any(len(table) != words for table, words in sizes) or (
-            settings.erosion not in EROSION_MODES):
-        raise ValueError("a table has the wrong length")
-    return replace(settings, remap=remap_table(lens)) if remapped else settings
 
 
 def decode(data, name="The calibration"):
@@ -195,6 +163,12 @@ def decode(data, name="The calibration"):
         The whole file.
     name : :class:`str`
         What to call it in messages.
+
+    Raises
+    ------
+    UserError
+        If a bit is wrong, or if the values are none that a calibration can have, even with a
+        correct check sum.
     """
     again = "calibrate again with `cyclope calibrate`."
     size = len(_TRAILER % 0)
@@ -205,28 +179,17 @@ def decode(data, name="The calibration"):
         raise UserError(f"{name} is not a calibration, or is corrupt (its check sum is wrong): "
                         f"copy it again, or {again}")
     try:
-        content = json.loads(data)
-        if content["format"] != FORMAT:
+        content = parse_json(data)
+        if content.get("format") != FORMAT:
             raise UserError(f"{name} is not a calibration file: {again}")
-        if content["version"] != VERSION:
-            raise UserError(f"{name} is of version {content['version']}, this program reads "
-                            f"version {VERSION}: {again}")
-        projector = content["projector"]
-        projector["base_mm"] = tuple(projector["base_mm"])
-        lens = Lens(**content["sensor"], **content["lens"])
-        calibration = Calibration(
-            lens=lens, projector=Projector(**projector),
-            beams=tuple(Beam(**beam) for beam in content["beams"]),
-            settings=_settings(content["settings"], lens), inverse_z_unit=content["inverse_z_unit"],
-            z_min=content["depth_range"][0], z_max=content["depth_range"][1],
-            budget=content["budget"])
-        if len(calibration.beams) != calibration.projector.beams or (
-                len(calibration.settings.line) != len(calibration.beams)):
-            raise ValueError("beams are missing")
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise UserError(f"{name} lacks something that a calibration must have ({error}): "
-                        f"{again}") from error
-    return calibration
+        if content.get("version") != VERSION:
+            raise UserError(f"{name} is of version {str(content.get('version'))[:20]}, this "
+                            f"program reads version {VERSION}: {again}")
+        values = checked_content(content, [each.name for each in fields(Beam)])
+    except InvalidError as error:
+        raise UserError(f"{name} cannot be used ({error}): {again}") from error
+    beams = tuple(Beam(**beam) for beam in values.pop("beams"))
+    return Calibration(beams=beams, **values)
 
 
 def load(path):
@@ -243,12 +206,7 @@ def load(path):
     -------
     :class:`Calibration`
     """
-    path = Path(path)
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError as error:
-        raise UserError(f"The calibration {path} does not exist: make it with `cyclope calibrate "
-                        f"CAPTURE -o {path}`.") from error
-    except OSError as error:
-        raise UserError(f"The calibration {path} cannot be read: {error.strerror}.") from error
-    return decode(data, f"The calibration {path}")
+    name = f"The calibration {path}"
+    data = read_octets(
+        path, f"make one with `cyclope calibrate CAPTURE -o {shlex.quote(str(path))}`", _MOST, name)
+    return decode(data, name)

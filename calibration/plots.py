@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calibration.file import beside
+from calibration.files import beside
 
 __all__ = ["draw", "write"]
 

@@ -25,6 +25,12 @@ def image_count(frames: int) -> int:
     return PHOTOGRAPHS + PLANES + 2 * frames
 
 
+def most_octets(rig: rigs.Rig, frames: int) -> int:
+    """Number of octets of a capture at the most; the images' noise hardly lets them shrink."""
+    rows = (frames * rig.projector.rows * rig.projector.columns) * 100
+    return image_count(frames) * (rig.camera.width * rig.camera.height + 4096) + rows
+
+
 def toml(rig: rigs.Rig, nominal: rigs.Nominal) -> str:
     """Text of ``capture.toml``."""
     camera, projector, chessboard = rig.camera, rig.projector, rig.board
@@ -54,8 +60,19 @@ def truth_rows(frame: int, truth: np.ndarray) -> list[str]:
 
 
 def _save(path: Path, image: np.ndarray) -> None:
-    if not cv2.imwrite(str(path), image):
-        raise UserError(f"{path} cannot be written: is the disk full?")
+    _, data = cv2.imencode(".png", image)
+    _write(path, data.tobytes())
+
+
+def _write(path: Path, data: bytes) -> None:
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise UserError(f"{path} cannot be written: {error.strerror}.") from error
+
+
+def _write_lines(path: Path, lines: list[str]) -> None:
+    _write(path, ("\n".join(lines) + "\n").encode())
 
 
 def write(
@@ -80,6 +97,11 @@ def write(
         Scale of the errors of the nominal values; 1 is the default, 0 writes the true ones.
     progress : callable or None
         Called with the name of the folder after each image.
+
+    Raises
+    ------
+    UserError
+        If a file cannot be written.
     """
     folder = Path(folder)
 
@@ -93,7 +115,7 @@ def write(
 
     sequence = scenes.sequence(kind, rig, frames, random(_SCENES))
     nominal = rigs.nominal(rig, random(_NOMINAL), error)
-    (folder / "capture.toml").write_text(toml(rig, nominal))
+    _write(folder / "capture.toml", toml(rig, nominal).encode())
     for name in ("lens", "planes", "frames"):
         (folder / name).mkdir()
     for number in range(PHOTOGRAPHS):
@@ -104,7 +126,7 @@ def write(
         image, _ = render.pattern_frame(rig, scenes.Plane(z_mm), random(_PLANES, number))
         save(folder / "planes" / f"{number:02}.png", image)
         rows.append(f"{number:02}.png,{z_mm:.2f}")
-    (folder / "planes" / "planes.csv").write_text("\n".join(rows) + "\n")
+    _write_lines(folder / "planes" / "planes.csv", rows)
     rows = [TRUTH_HEADER]
     for number, scene in enumerate(sequence):
         image, truth = render.pattern_frame(rig, scene, random(_FRAMES, number))
@@ -112,4 +134,4 @@ def write(
         rows += truth_rows(number, truth)
         image = render.texture_frame(rig, scene, random(_TEXTURES, number))
         save(folder / "frames" / f"{number:04}_texture.png", image)
-    (folder / "truth.csv").write_text("\n".join(rows) + "\n")
+    _write_lines(folder / "truth.csv", rows)

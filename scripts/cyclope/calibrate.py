@@ -61,7 +61,7 @@ def _settings(arguments):
                             f"'{arguments.threshold}'.")
         choices["level_fixed"] = int(arguments.threshold)
     if arguments.alpha is not None:
-        if not 0 <= round(arguments.alpha * 16) <= 255:
+        if not 0 <= arguments.alpha * 16 < 255.5:
             raise UserError(f"--alpha must be 0 to 15.9, not {arguments.alpha:g}.")
         choices["threshold_alpha"] = round(arguments.alpha * 16)
     if arguments.erosion is not None:
@@ -86,16 +86,27 @@ def main(arguments):
     from rich import progress
     from rich.console import Console
 
+    from calibration.capture import MOST_MM, read_capture
+
     output = arguments.output
     if output.is_dir():
         raise UserError(f"{output} is a folder: name a file, for instance "
                         f"{output / 'calibration.json'}.")
+    if output.exists() and not output.is_file():
+        raise UserError(f"{output} is not a file: name another one to write.")
     if not output.absolute().parent.is_dir():
         raise UserError(f"{output} cannot be written: the folder {output.parent} does not exist.")
+    if arguments.picture and output.suffix.lower() == ".png":
+        raise UserError(f"{output} would be the calibration and its picture in one: name it "
+                        f"{output.with_suffix('.json')}.")
     settings = _settings(arguments)
+    for name in ("depth_min", "depth_max"):
+        value = getattr(arguments, name)
+        if value is not None and not 0 < value <= MOST_MM:
+            raise UserError(f"--{name.replace('_', '-')} must be above 0 and up to {MOST_MM} mm, "
+                            f"not {value:g}.")
 
     from calibration.calibrate import Options, calibrate
-    from calibration.capture import read_capture
     from calibration.file import save
     from calibration.report import beams_table, summary_table
 
@@ -124,6 +135,8 @@ def main(arguments):
         save(result.calibration, output)
     console.print(summary_table(result))
     console.print(beams_table(result))
+    for note in capture.notes:
+        console.print(f"! {note}", style="yellow", markup=False, highlight=False)
     written = f"{output}" + (f" and {picture}" if arguments.picture else "")
     console.print(f"calibration in {written}", highlight=False)
     return 0

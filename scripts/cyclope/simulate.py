@@ -1,6 +1,7 @@
 """``cyclope simulate``: write a capture folder of a simulated rig."""
 
 import argparse
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,7 +37,7 @@ def add_arguments(parser):
                         help="folder to create; it must not hold anything yet")
     parser.add_argument("--rig", choices=RIGS, default="endoscope", help="default: endoscope")
     parser.add_argument("--seed", type=int, default=0, metavar="N",
-                        help="of everything random, 0 or more; default: 0")
+                        help="seed of all random numbers, 0 or more; default: 0")
     parser.add_argument("--frames", type=int, default=10, metavar="N",
                         help="frames to measure; default: 10")
     parser.add_argument("--split-spots", action="store_true",
@@ -44,6 +45,15 @@ def add_arguments(parser):
                              "torn by edges, instead of ellipses around the beam's axis; slower")
 
 
+def _check_room(output, most):
+    """Refuse what does not fit on the disk, before hours are spent on it."""
+    folder = output.absolute()
+    while not folder.is_dir():
+        folder = folder.parent
+    free = shutil.disk_usage(folder).free
+    if most > free:
+        raise UserError(f"That is a capture of up to {most / 1e6:.0f} MB, and {folder} has "
+                        f"{free / 1e6:.0f} MB left: ask for fewer --frames.")
 
 
 def main(arguments):
@@ -53,15 +63,18 @@ def main(arguments):
     if not 1 <= arguments.frames <= _MOST_FRAMES:
         raise UserError(f"--frames must be 1 to {_MOST_FRAMES}, not {arguments.frames}.")
 
+    from scripts.results.outputs import check_folder, new_folder
+    check_folder(arguments.output)
+
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
     from model.optics import capture
     from model.optics.rigs import RIGS
-    from scripts.results.outputs import new_folder
 
     rig = RIGS[arguments.rig]
     rig = replace(rig, spots=replace(rig.spots, split=arguments.split_spots))
+    _check_room(arguments.output, capture.most_octets(rig, arguments.frames))
     errors = Console(stderr=True)
     bar = Progress(TextColumn("simulating {task.description}"), BarColumn(), MofNCompleteColumn(),
                    console=errors, transient=True, disable=not errors.is_terminal)

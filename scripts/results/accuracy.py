@@ -7,12 +7,11 @@ share of the beams whose truth is inside the picture that have an ok point; *wro
 the ok points that are off by more than 5 %.
 """
 
-import csv
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from model.errors import UserError
+from calibration.csv_table import read_table
 from scripts.results.points import POINT, STATUS
 
 __all__ = ["TRUTH", "WRONG", "Accuracy", "compare", "load_points", "load_truth"]
@@ -24,6 +23,10 @@ TRUTH = np.dtype([
     ("frame", np.int32), ("beam", np.int16), ("u", np.float64), ("v", np.float64),
     ("x", np.float64), ("y", np.float64), ("z", np.float64), ("inside", np.bool_)])
 
+#: Octets of a table: 10000 frames of 128 beams have half of them.
+_MOST = 1 << 28
+_MOST_FRAME, _MOST_BEAM, _MOST_LENGTH = 2**31 - 1, 127, 1e6
+_INSIDE = {"1": True, "true": True, "0": False, "false": False}
 _COLUMNS = ("frame", "beam", "u_px", "v_px", "x_mm", "y_mm", "z_mm", "inside")
 
 
@@ -45,36 +48,45 @@ class Accuracy:
 
 
 def load_truth(path):
-    """``truth.csv`` as an array of :data:`TRUTH`."""
-    try:
-        with open(path, newline="") as file:
-            rows = list(csv.DictReader(file))
-        truth = np.zeros(len(rows), TRUTH)
-        for name, column in zip(TRUTH.names, _COLUMNS, strict=True):
-            texts = [row[column] for row in rows]
-            if name == "inside":
-                truth[name] = [text.strip().lower() in ("1", "true") for text in texts]
-            else:
-                truth[name] = [float(text) if text else np.nan for text in texts]
-    except (OSError, KeyError, ValueError, AttributeError, UnicodeDecodeError) as error:
-        raise UserError(
-            f"{path} cannot be read as a table with the columns {','.join(_COLUMNS)}: "
-            "delete it or simulate again.") from error
-    return truth
+    """``truth.csv`` as an array of :data:`TRUTH`.
+
+    Raises :class:`model.errors.UserError` if it is no such table; in a row with its line.
+    """
+    rows, lines = [], {}
+    for row in read_table(path, _COLUMNS, "delete it, or simulate again", _MOST):
+        frame = row.number("frame", 0, _MOST_FRAME, "the number of a frame", whole=True)
+        beam = row.number("beam", 0, _MOST_BEAM, "the number of a beam", whole=True)
+        first = lines.setdefault((frame, beam), row.line)
+        if first != row.line:
+            row.refuse(f"frame {frame} has beam {beam} in line {first} already")
+        inside = row.text("inside").lower()
+        if inside not in _INSIDE:
+            row.refuse(f"inside must be 1 or 0, not {inside[:40]!r}")
+        rows.append((frame, beam, *_coordinates(row), _INSIDE[inside]))
+    return np.array(rows, TRUTH)
+
+
+def _coordinates(row):
+    """u, v, x, y and z of a row; NaN where there are none."""
+    return (*(row.number(name, -_MOST_LENGTH, _MOST_LENGTH, "a number or nothing", empty=np.nan)
+              for name in ("u_px", "v_px", "x_mm", "y_mm")),
+            row.number("z_mm", 1e-6, _MOST_LENGTH, "a distance above 0 or nothing", empty=np.nan))
 
 
 def load_points(path):
     """The spots of ``points.csv`` that have a status, as an array of
     :data:`scripts.results.points.POINT`."""
-    with open(path, newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["status"] in STATUS]
-    points = np.zeros(len(rows), POINT)
-    for name, column in (("frame", "frame"), ("beam", "beam"), ("u", "u_px"), ("v", "v_px"),
-                         ("area", "area_px"), ("x", "x_mm"), ("y", "y_mm"), ("z", "z_mm")):
-        empty = -1 if name == "beam" else np.nan
-        points[name] = [float(row[column]) if row[column] else empty for row in rows]
-    points["status"] = [STATUS.index(row["status"]) for row in rows]
-    return points
+    rows = []
+    for row in read_table(path, (*_COLUMNS[:-1], "area_px", "status"), "measure again", _MOST):
+        if row.text("status") not in STATUS:
+            continue
+        frame = row.number("frame", 0, _MOST_FRAME, "the number of a frame", whole=True)
+        beam = row.number("beam", 0, _MOST_BEAM, "the number of a beam or nothing", whole=True,
+                          empty=-1)
+        area = row.number("area_px", 0, 255, "a number of pixels", whole=True)
+        u, v, *place = _coordinates(row)
+        rows.append((frame, beam, u, v, area, *place, STATUS.index(row.text("status")), 0))
+    return np.array(rows, POINT)
 
 
 def _errors(points, truth):

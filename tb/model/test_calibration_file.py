@@ -83,9 +83,9 @@ def test_spoilt_file_is_refused(calibration, tmp_path, change):
 
 
 def test_missing_file_and_folder_are_refused(tmp_path, calibration):
-    with pytest.raises(UserError, match="does not exist: make it with `cyclope calibrate"):
+    with pytest.raises(UserError, match="does not exist: make one with `cyclope calibrate"):
         file.load(tmp_path / "none.json")
-    with pytest.raises(UserError, match="cannot be read"):
+    with pytest.raises(UserError, match="is not a file"):
         file.load(tmp_path)
     with pytest.raises(UserError, match="cannot be written"):
         file.save(calibration, tmp_path / "none" / "calibration.json")
@@ -94,9 +94,9 @@ def test_missing_file_and_folder_are_refused(tmp_path, calibration):
 @pytest.mark.parametrize("old, new, message", [
     (b'"version": 1', b'"version": 2', "is of version 2, this program reads version 1"),
     (b'"cyclope calibration"', b'"something else"', "is not a calibration file"),
-    (b'"inverse_z_unit"', b'"unit"', "lacks something"),
-    (b'"erosion": "gate"', b'"erosion": "what"', "lacks something"),
-    (b'"rows": 7', b'"rows": 8', "lacks something")])
+    (b'"inverse_z_unit"', b'"unit"', "the file lacks inverse_z_unit"),
+    (b'"erosion": "gate"', b'"erosion": "what"', "erosion of settings must be one of off, erode"),
+    (b'"rows": 7', b'"rows": 8', "beams of the file must be a list of 56 beams")])
 def test_other_files_with_a_good_check_sum_are_refused(calibration, old, new, message):
     body = file.encode(calibration).split(b'"crc32"')[0].replace(old, new)
     with pytest.raises(UserError, match=message):

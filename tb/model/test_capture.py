@@ -34,7 +34,7 @@ IMAGES = {
     "png wrong bit": (lambda p: broken_png(p, GREY, 700), "is truncated or damaged"),
     "jpg cut": (lambda p: cut(p, GREY, ".jpg"), "is truncated or damaged"),
     "bmp cut": (lambda p: cut(p, GREY, ".bmp"), "is truncated or damaged"),
-    "pgm cut": (lambda p: cut(p, GREY, ".pgm"), "cannot be read as an image"),
+    "pgm cut": (lambda p: cut(p, GREY, ".pgm"), "is truncated or damaged"),
     "tiff cut": (lambda p: cut(p, GREY, ".tiff"), ""),
     "colour": (lambda p: p.write_bytes(cv2.imencode(".png", cv2.merge([GREY] * 3))[1].tobytes()),
                "is a colour image"),

@@ -1,0 +1,128 @@
+"""The content of a calibration file: every value of its type and within its limits."""
+
+from dataclasses import fields, replace
+
+from calibration.checked import InvalidError, Section
+from calibration.image import LARGEST
+from calibration.lens import Lens
+from calibration.projector import Projector
+from calibration.remap import remap_table
+from hdl.protocol import TABLES, registers
+from model.preprocessing.remap import pack_remap
+from model.settings import EROSION_MODES, Settings
+
+__all__ = ["checked_content"]
+
+#: Lengths in mm or pixels, and anything else that is a plain number.
+_MOST_LENGTH, _MOST_NUMBER = 1e6, 1e9
+_MOST_BEAMS = 128
+
+
+def _names(kind):
+    return [each.name for each in fields(kind)]
+
+
+def _lens(sensor, content):
+    sensor = Section("sensor", sensor, ("width", "height"))
+    width, height = sensor.integer("width", 8, LARGEST), sensor.integer("height", 8, LARGEST)
+    section = Section("lens", content, _names(Lens)[2:])
+    lens = Lens(width, height, section.number("focal", 1, _MOST_LENGTH),
+                section.number("principal_u", 0, width), section.number("principal_v", 0, height),
+                *(section.number(name, -1000, 1000) for name in ("k1", "k2", "p1", "p2")))
+    if lens.folds():
+        raise InvalidError("its lens folds back inside the image")
+    return lens
+
+
+def _projector(content):
+    section = Section("projector", content, _names(Projector))
+    projector = Projector(
+        rows=section.integer("rows", 1, _MOST_BEAMS),
+        columns=section.integer("columns", 1, _MOST_BEAMS),
+        base_mm=section.numbers("base_mm", 3, -_MOST_LENGTH, _MOST_LENGTH),
+        **{name: section.number(name, -180, 180)
+           for name in ("pitch_deg", "rotation_deg", "toe_in_deg", "tilt_deg")})
+    if projector.beams > _MOST_BEAMS:
+        raise InvalidError(f"its projector has more than {_MOST_BEAMS} beams")
+    return projector
+
+
+def _beam(number, content, names):
+    section = Section(f"beam {number}", content, names)
+    values = {name: section.number(name, -_MOST_NUMBER, _MOST_NUMBER) for name in names
+              if name not in ("separation", "planes")}
+    values["separation"] = section.value("separation")
+    if values["separation"] is not None:
+        section.number("separation", 0, _MOST_NUMBER)
+    return {**values, "planes": section.integer("planes", 0, 1_000_000)}
+
+
+def _settings(content, beams, lens):
+    section = Section("settings", content, _names(Settings))
+    limits = {}
+    for register in registers():
+        half = 1 << register.bits - 1
+        limits[register.name] = (-half, half - 1) if register.signed else (
+            register.low, 2 * half - 1)
+    words = {table.name: table for table in TABLES}
+    level = section.value("level_fixed")
+    settings = Settings(
+        level_fixed=None if level is None else section.integer("level_fixed", 1, 255),
+        erosion=section.choice("erosion", EROSION_MODES),
+        weighted=section.flag("weighted"), report_rejected=section.flag("report_rejected"),
+        **{name: section.integer(name, *limits[name]) for name in (
+            "threshold_alpha", "area_min", "area_max", "principal_u", "principal_v",
+            "tangential_1", "tangential_2")},
+        **{name: section.words(name, words[name].words, words[name].bits)
+           for name in ("radial", "reciprocal")},
+        line=section.words("line", beams, 36), window=section.words("window", beams, 36),
+        depth=section.words("depth", 2 * beams, words["depth"].bits))
+    # The table of the whole image follows from the lens: the file only says that there is one.
+    if not section.flag("remap"):
+        return settings
+    table = remap_table(lens)
+    try:
+        pack_remap(table)
+    except ValueError as error:
+        raise InvalidError("its lens distorts too much for a table of the whole image") from error
+    return replace(settings, remap=table)
+
+
+def checked_content(content, beam_names):
+    """What a :class:`calibration.file.Calibration` is made of, every value checked.
+
+    Raises :class:`calibration.checked.InvalidError` if anything is missing, unknown, of another
+    type or out of its limits.
+
+    Parameters
+    ----------
+    content : :class:`dict`
+        The JSON object of the file.
+    beam_names : list of :class:`str`
+        Keys of a beam.
+
+    Returns
+    -------
+    :class:`dict`
+        By the fields' names; ``beams`` is a list of dictionaries.
+    """
+    section = Section("the file", content, (
+        "format", "version", "sensor", "units", "lens", "projector", "depth_range",
+        "inverse_z_unit", "budget", "beams", "settings", "crc32"))
+    lens = _lens(section.value("sensor"), section.value("lens"))
+    projector = _projector(section.value("projector"))
+    z_min, z_max = section.numbers("depth_range", 2, 0, _MOST_LENGTH)
+    if not 0 < z_min < z_max:
+        section.refuse("depth_range", "two distances, the nearer one first")
+    beams = section.value("beams")
+    if not isinstance(beams, list) or len(beams) != projector.beams:
+        section.refuse("beams", f"a list of {projector.beams} beams")
+    budget = section.value("budget")
+    return {
+        "lens": lens, "projector": projector,
+        "beams": [_beam(number, beam, beam_names) for number, beam in enumerate(beams)],
+        "settings": _settings(section.value("settings"), projector.beams, lens),
+        "inverse_z_unit": section.number("inverse_z_unit", 1e-15, 1),
+        "z_min": z_min, "z_max": z_max,
+        "budget": Section("budget", budget, tuple(budget) if isinstance(budget, dict) else ()
+                          ).figures()}

@@ -1,10 +1,10 @@
 """Points against the truth of a simulator.
 
-Definitions: the error of an ok point is |z - z_true| / z_true, z_true being the depth of the beam
-that the point says it is, or, where that beam has no truth in the frame, of the true spot nearest
-in the image. The *mean error* is taken over all ok points, wrong beams included. *Found* is the
-share of the beams whose truth is inside the picture that have an ok point; *wrong* the share of
-the ok points that are off by more than 5 %.
+Definitions: the error of an ok point is |z - z_true| / z_true, z_true being the true depth of the
+point's beam or, where that beam has no truth in the frame, of the true spot nearest in the image.
+The *mean error* is over all ok points, those with a wrong beam included. *Found* is the share of
+the beams with an ok point, of those whose truth is inside the image; *wrong* is the share of the ok
+points with an error of more than 5 %.
 """
 
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from scripts.results.points import POINT, STATUS
 
 __all__ = ["TRUTH", "WRONG", "Accuracy", "compare", "load_points", "load_truth"]
 
-#: An ok point further off than this share of its depth is wrong.
+#: An ok point with a larger relative error is wrong.
 WRONG = 0.05
 
 TRUTH = np.dtype([
@@ -32,9 +32,9 @@ _COLUMNS = ("frame", "beam", "u_px", "v_px", "x_mm", "y_mm", "z_mm", "inside")
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Figures over some frames; NaN where nothing could be counted.
+    """Figures over some frames; NaN where there is nothing to count.
 
-    ``error`` has the signed relative error of every ok point of ``points``, in their order.
+    ``error`` is the signed relative error of every point in ``points``, the ok ones.
     """
 
     expected: int
@@ -92,13 +92,13 @@ def load_points(path):
 def _errors(points, truth):
     """Signed relative error of each point of one frame."""
     by_beam = {int(row["beam"]): row["z"] for row in truth if np.isfinite(row["z"])}
-    placed = truth[np.isfinite(truth["z"]) & np.isfinite(truth["u"])]
+    located = truth[np.isfinite(truth["z"]) & np.isfinite(truth["u"])]
     error = np.full(len(points), np.nan)
     for index, point in enumerate(points):
         true = by_beam.get(int(point["beam"]))
-        if true is None and len(placed):
-            distance = np.hypot(placed["u"] - point["u"], placed["v"] - point["v"])
-            true = placed["z"][np.argmin(distance)]
+        if true is None and len(located):
+            distance = np.hypot(located["u"] - point["u"], located["v"] - point["v"])
+            true = located["z"][np.argmin(distance)]
         if true is not None:
             error[index] = (point["z"] - true) / true
     return error
@@ -114,7 +114,7 @@ def compare(points, truth, frames):
     truth : array of :data:`TRUTH`
         The simulator's table.
     frames : iterable of :class:`int`
-        Frames that were measured; only theirs counts.
+        Frames that were measured; only their truth counts.
 
     Returns
     -------
@@ -127,18 +127,18 @@ def compare(points, truth, frames):
     ok = points[(points["status"] == STATUS.index("ok")) & np.isin(points["frame"], frames)]
     truth = truth[np.isin(truth["frame"], frames)]
     error = np.full(len(ok), np.nan)
-    expected = seen = 0
+    expected = hits = 0
     for frame in frames:
         mine, true = ok["frame"] == frame, truth[truth["frame"] == frame]
         error[mine] = _errors(ok[mine], true)
         inside = true["beam"][true["inside"]]
         expected += len(inside)
-        seen += np.count_nonzero(np.isin(inside, ok["beam"][mine]))
+        hits += np.count_nonzero(np.isin(inside, ok["beam"][mine]))
     size = np.abs(error)
     known = size[np.isfinite(size)]
     nothing = not len(known)
     return Accuracy(
-        expected=expected, found=seen / expected if expected else float("nan"),
+        expected=expected, found=hits / expected if expected else float("nan"),
         wrong=float(np.mean(~(size <= WRONG))) if len(size) else float("nan"),
         mean=float("nan") if nothing else float(np.mean(known)),
         median=float("nan") if nothing else float(np.median(known)),

@@ -1,4 +1,4 @@
-"""A frame as the chip saw it: spots, epipolar lines, beam numbers, and a legend in words."""
+"""A frame with an overlay of what was measured: spots, epipolar lines, beam numbers, a legend."""
 
 import cv2
 import numpy as np
@@ -15,13 +15,13 @@ _WORDS = (235, 235, 235)
 _LINE = (170, 115, 35)
 _UNTOUCHED = (1, 2, 3)
 _FONT = cv2.FontFace("sans")
-#: Tissue is dim beside the spots: grey values are shown brighter than they are.
+#: Tissue is dim beside the spots: its grey values are raised.
 _BRIGHTER = np.rint(255 * (np.arange(256) / 255) ** 0.7).astype(np.uint8)
-_SHIFT = 4  # cv2 draws with this many bits behind the binary point
+_SHIFT = 4  # fraction bits of cv2's coordinates
 
 
 def _bgr(colour):
-    return tuple(int(colour[at:at + 2], 16) for at in (5, 3, 1))
+    return tuple(int(colour[start:start + 2], 16) for start in (5, 3, 1))
 
 
 _SPOT = tuple(_bgr(colour) for colour in COLOURS)
@@ -35,7 +35,7 @@ def _signed(word, bits):
 def beam_segments(calibration, samples=17):
     """Where each beam's spot can be, in image coordinates: (beams, samples, 2); NaN if nowhere.
 
-    These are the lines and windows that the chip is loaded with, bent by the lens.
+    These are the lines and windows in the chip's tables, distorted by the lens.
     """
     segments = []
     for line, window in zip(calibration.settings.line, calibration.settings.window, strict=True):
@@ -49,32 +49,33 @@ def beam_segments(calibration, samples=17):
     return np.array(segments).reshape(-1, samples, 2)
 
 
-def _place(points):
-    """Image coordinates to those of the enlarged picture, as fixed-point integers."""
+def _enlarge(points):
+    """Image coordinates to those of the enlarged picture, in fixed point."""
     return np.rint(((np.asarray(points) + 0.5) * SCALE - 0.5) * (1 << _SHIFT)).astype(np.int32)
 
 
-def _reach(point):
+def _radius(point):
     """Radius of the ring around a spot."""
     return (np.sqrt(point["area"] / np.pi) + 2) * SCALE
 
 
-def _text(picture, words, at, colour, size, weight=400):
-    cv2.putText(picture, words, (int(at[0]), int(at[1])), colour, _FONT, size, weight)
+def _text(picture, words, position, colour, size, weight=400):
+    cv2.putText(picture, words, (int(position[0]), int(position[1])), colour, _FONT, size, weight)
 
 
 def _width(words, size, weight=400):
     return cv2.getTextSize((4000, 100), words, (0, 50), _FONT, size, weight)[2]
 
 
-def _haloed(picture, words, at, colour, size):
+def _outlined(picture, words, position, colour, size):
+    """Text with a black outline."""
     for step in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        _text(picture, words, (at[0] + step[0], at[1] + step[1]), (0, 0, 0), size, 700)
-    _text(picture, words, at, colour, size, 700)
+        _text(picture, words, (position[0] + step[0], position[1] + step[1]), (0, 0, 0), size, 700)
+    _text(picture, words, position, colour, size, 700)
 
 
 def _legend(picture, frame, top, disabled):
-    """Two lines under the frame: what it is, and what the colours mean."""
+    """Two lines below the frame: its number and counts, and the meaning of the colours."""
     words = f"frame {frame.index}    threshold {frame.level}    {frame.spots} spots"
     if frame.notes:
         words += "    " + "; ".join(frame.notes)
@@ -96,14 +97,14 @@ def _legend(picture, frame, top, disabled):
 
 
 def draw_frame(image, frame, segments):
-    """The frame, three times as large, with all that was made of it.
+    """The frame, three times as large, with the overlay of its results.
 
     Parameters
     ----------
     image : 2-D ``uint8`` array
         The pattern frame.
     frame : :class:`scripts.results.points.FrameResult`
-        What became of it.
+        Its results.
     segments : array
         From :func:`beam_segments`.
 
@@ -118,25 +119,25 @@ def draw_frame(image, frame, segments):
     picture[:height * SCALE] = large[:, :, None]
     picture[height * SCALE:] = _BACKGROUND
     body = picture[:height * SCALE]
-    drawn = [_place(segment) for segment in segments if np.isfinite(segment).all()]
+    drawn = [_enlarge(segment) for segment in segments if np.isfinite(segment).all()]
     lines = body.copy()
     cv2.polylines(lines, drawn, False, _LINE, 2, cv2.LINE_AA, _SHIFT)
-    circles = [(_place((point["u"], point["v"])), int(_reach(point) * (1 << _SHIFT)),
+    circles = [(_enlarge((point["u"], point["v"])), int(_radius(point) * (1 << _SHIFT)),
                 _SPOT[point["status"]]) for point in frame.points]
-    for place, radius, _ in circles:  # what a ring encloses is shown as it is
-        cv2.circle(lines, place, radius, _UNTOUCHED, cv2.FILLED, cv2.LINE_8, _SHIFT)
+    for centre, radius, _ in circles:  # no lines inside a ring
+        cv2.circle(lines, centre, radius, _UNTOUCHED, cv2.FILLED, cv2.LINE_8, _SHIFT)
     keep = (lines == _UNTOUCHED).all(axis=2)
     lines[keep] = body[keep]
     cv2.addWeighted(lines, 0.8, body, 0.2, 0, dst=body)
-    for place, radius, colour in circles:
-        cv2.circle(body, place, radius, colour, 2, cv2.LINE_AA, _SHIFT)
+    for centre, radius, colour in circles:
+        cv2.circle(body, centre, radius, colour, 2, cv2.LINE_AA, _SHIFT)
     for point in frame.points[frame.points["beam"] >= 0]:
         words = str(point["beam"])
-        reach = _reach(point) + 1.5
-        left, base = (point["u"] + 0.5) * SCALE + reach, (point["v"] + 0.5) * SCALE - reach / 3
+        gap = _radius(point) + 1.5
+        left, base = (point["u"] + 0.5) * SCALE + gap, (point["v"] + 0.5) * SCALE - gap / 3
         if left + _width(words, 13, 700) > body.shape[1]:
-            left -= 2 * reach + _width(words, 13, 700)
-        _haloed(body, words, (left, max(base, 13)), _SPOT[point["status"]], 13)
+            left -= 2 * gap + _width(words, 13, 700)
+        _outlined(body, words, (left, max(base, 13)), _SPOT[point["status"]], 13)
     _legend(picture, frame, height * SCALE, len(segments) - len(drawn))
     return picture
 

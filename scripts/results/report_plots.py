@@ -19,24 +19,24 @@ _MAP = "viridis_r"
 
 
 def _mesh(axes, points, columns):
-    """Join neighbouring beams of one frame, so that the surface can be seen."""
+    """Join neighbouring beams of one frame, to show the surface."""
     by_beam = {int(point["beam"]): [point[name] for name in "xzy"] for point in points}
-    ends = [(place, by_beam[other]) for beam, place in by_beam.items()
+    ends = [(position, by_beam[other]) for beam, position in by_beam.items()
             for other in ([beam + 1] if beam % columns < columns - 1 else []) + [beam + columns]
             if other in by_beam]
     if ends:
         axes.add_collection3d(Line3DCollection(ends, colors="0.55", linewidths=0.7, zorder=1))
 
 
-def _view(figure, at, title, points, columns, elevation, azimuth, hidden, colours=None):
-    """One look at some points; axes that are seen end on have no numbers."""
-    axes = figure.add_subplot(at, projection="3d", computed_zorder=False)
+def _view(figure, cell, title, points, columns, elevation, azimuth, hidden, colours=None):
+    """One view of some points; the axes in ``hidden`` have no numbers."""
+    axes = figure.add_subplot(cell, projection="3d", computed_zorder=False)
     if len(np.unique(points["frame"])) == 1:
         _mesh(axes, points, columns)
     scatter = axes.scatter(
         points["x"], points["z"], points["y"], c=points["z"], cmap=_MAP, norm=colours,
         s=np.clip(6000 / len(points), 3, 24), depthshade=False, zorder=2)
-    # A flat scene seen from the side still needs room for its numbers.
+    # A flat scene viewed from the side still needs room for its tick labels.
     middle = [(points[name].min() + points[name].max()) / 2 for name in "xzy"]
     span = [np.ptp(points[name]) for name in "xzy"]
     half = [0.55 * max(each, 0.3 * max(span), 1) for each in span]
@@ -56,7 +56,7 @@ def _view(figure, at, title, points, columns, elevation, azimuth, hidden, colour
 
 
 def plot_cloud(path, points, columns):
-    """Scatter of all points with a place from two sides, and some of the frames on their own.
+    """Scatter of all points with coordinates from two sides, and of single frames.
 
     Parameters
     ----------
@@ -67,28 +67,28 @@ def plot_cloud(path, points, columns):
     columns : :class:`int`
         Of the laser mesh; neighbouring beams of a frame are joined.
     """
-    placed = points[np.isfinite(points["z"])]
-    frames = np.unique(placed["frame"])
+    located = points[np.isfinite(points["z"])]
+    frames = np.unique(located["frame"])
     single = len(frames) <= 1
     figure = pyplot.figure(figsize=(12, 6 if single else 9.5), layout="constrained")
-    figure.suptitle(f"{plural(len(placed), 'point')} of {plural(len(frames), 'frame')}, "
+    figure.suptitle(f"{plural(len(located), 'point')} of {plural(len(frames), 'frame')}, "
                     "in millimetres, coloured by their distance")
-    if not len(placed):
+    if not len(located):
         figure.text(0.5, 0.5, "no points", ha="center", fontsize=20, color="0.5")
         figure.savefig(path, dpi=100)
         pyplot.close(figure)
         return
-    colours = Normalize(placed["z"].min(), placed["z"].max())
+    colours = Normalize(located["z"].min(), located["z"].max())
     few = frames[np.linspace(0, len(frames) - 1, min(len(frames), 4)).round().astype(int)]
     grid = figure.add_gridspec(1 if single else 2, 12, height_ratios=[1] if single else [3, 2])
     what = f"frame {frames[0]}" if single else "all frames"
-    _view(figure, grid[0, :6], f"{what}, from the camera", placed, columns, 10, -80, "y",
+    _view(figure, grid[0, :6], f"{what}, from the camera", located, columns, 10, -80, "y",
           colours)
-    scatter = _view(figure, grid[0, 6:], f"{what}, from the side", placed, columns, 8, -8, "x",
+    scatter = _view(figure, grid[0, 6:], f"{what}, from the side", located, columns, 8, -8, "x",
                     colours)
     figure.colorbar(scatter, ax=figure.axes, label="distance z, mm", shrink=0.7, pad=0.03)
     for number, frame in enumerate([] if single else few):
-        mine = placed[placed["frame"] == frame]
+        mine = located[located["frame"] == frame]
         step = 12 // len(few)
         near, far = mine["z"].min(), mine["z"].max()
         _view(figure, grid[1, number * step:(number + 1) * step],
@@ -135,19 +135,20 @@ def plot_error(path, accuracy, width, height):
 
     beams = np.unique(points["beam"][right])
     of_beam = [right & (points["beam"] == beam) for beam in beams]
-    place = [[points[name][mine].mean() for mine in of_beam] for name in ("u", "v")]
+    position = [[points[name][mine].mean() for mine in of_beam] for name in ("u", "v")]
     mean = np.array([size[mine].mean() for mine in of_beam])
     if not len(beams):
-        map_axes.text(0.5, 0.5, "no right point", ha="center", transform=map_axes.transAxes)
-        place, mean = ([], []), np.zeros(0)
-    dots = map_axes.scatter(*place, c=mean, s=320 * min(1, 49 / max(1, len(beams))),
+        map_axes.text(0.5, 0.5, "no point within the limit", ha="center",
+                      transform=map_axes.transAxes)
+        position, mean = ([], []), np.zeros(0)
+    dots = map_axes.scatter(*position, c=mean, s=320 * min(1, 49 / max(1, len(beams))),
                             cmap="YlOrRd", edgecolors="0.4", vmin=0)
-    for beam, u, v, value in zip(beams, *place, mean, strict=True):
+    for beam, u, v, value in zip(beams, *position, mean, strict=True):
         dark = value > 0.6 * mean.max(initial=0)
         map_axes.annotate(str(beam), (u, v), ha="center", va="center", fontsize=7,
                           color="white" if dark else "black")
     map_axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="u, px",
-                 ylabel="v, px", title="mean |error| of each beam, at its mean place in the image")
+                 ylabel="v, px", title="mean |error| of each beam, at its mean position")
     map_axes.set_aspect("equal")
     figure.colorbar(dots, ax=map_axes, label="mean |error|, %", shrink=0.8)
     figure.savefig(path, dpi=100)

@@ -1,4 +1,4 @@
-"""The table at the end of a run: what was seen, what was lost, how far off it is."""
+"""Tables for the end of a run: spots of frames, notes, and errors against the truth."""
 
 from rich import box
 from rich.table import Table
@@ -6,7 +6,7 @@ from rich.text import Text
 
 __all__ = ["COLOURS", "accuracy_table", "frames_table", "notes_text", "plural", "totals"]
 
-#: A colour per status, in the order of the codes, for pictures and terminals alike.
+#: A colour per status, in the order of the codes, for overlays and terminals.
 COLOURS = ("#35d07f", "#b0b0b0", "#ffb02e", "#ff5a4f", "#c58cff")
 
 _COUNTED = ("ok", "noise", "ambiguous", "rejected", "duplicate")
@@ -44,7 +44,7 @@ def frames_table(frames, limit=None):
     frames : list of :class:`scripts.results.points.FrameResult`
         In the order measured.
     limit : :class:`int` or None
-        After so many frames only those with notes have a line of their own, as many again at most.
+        Number of frames listed first; of the others only those with notes are, at most as many.
 
     The column `dup`, of duplicates, is there if there are any.
     """
@@ -57,13 +57,13 @@ def frames_table(frames, limit=None):
     for name, colour in (("frame", ""), ("level", ""), ("spots", ""),
                          *columns, ("dropped", ""), ("", "")):
         table.add_column(name, justify="right", header_style=colour, no_wrap=True)
-    shown_lines = left_out = 0
+    lines = left_out = 0
     for position, frame in enumerate(frames):
         late = limit is not None and position >= limit
-        if late and (not frame.notes or shown_lines >= 2 * limit):
+        if late and (not frame.notes or lines >= 2 * limit):
             left_out += 1
             continue
-        shown_lines += 1
+        lines += 1
         table.add_row(
             str(frame.index), str(frame.level),
             *(_cell(name, value) for name, value in _figures(frame).items()
@@ -78,8 +78,7 @@ def frames_table(frames, limit=None):
 
 
 def notes_text(frames, limit=None):
-    """What was not as it should be, a line per frame; at most ``limit`` lines, then how many more.
-    """
+    """Notes of frames, a line per frame; at most ``limit`` lines, then the number left out."""
     noted = [frame for frame in frames if frame.notes]
     lines = [f"! frame {frame.index}: {'; '.join(frame.notes)}" for frame in noted[:limit]]
     if len(lines) < len(noted):
@@ -98,7 +97,7 @@ def accuracy_table(accuracies):
     Parameters
     ----------
     accuracies : :class:`dict` of :class:`str` to :class:`scripts.results.accuracy.Accuracy`
-        A column each, for instance one for all frames.
+        A column for each.
     """
     table = Table(box=box.SIMPLE_HEAD, title="Against the truth", title_justify="left",
                   padding=(0, 1), pad_edge=False)
@@ -107,7 +106,7 @@ def accuracy_table(accuracies):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("meaning", style="dim")
     for name, figure, meaning in (
-            ("beams", lambda each: str(each.expected), "inside the picture and the range"),
+            ("beams", lambda each: str(each.expected), "inside the image and the depth range"),
             ("found", lambda each: _share(each.found), "of these beams have an ok point"),
             ("ok points", lambda each: str(len(each.points)), "all of them, wrong beams included"),
             ("wrong", lambda each: _share(each.wrong), "of the ok points are off by more than 5 %"),

@@ -1,4 +1,4 @@
-"""The one list of blocks: export, sizes, lint and tests all read it."""
+"""The list of all blocks, for export, sizes, lint and tests."""
 
 import inspect
 import re
@@ -25,8 +25,8 @@ class Block:
     Parameters
     ----------
     name : :class:`str`
-        Stem of the file, name of the Verilog module and of the VHDL entity. That of a variant goes
-        on with a comma and its preset.
+        Stem of the file, name of the Verilog module and of the VHDL entity. For a variant a comma
+        and its preset follow.
     unit : :class:`str`
         Folder below ``hdl/``; empty for the top.
     """
@@ -41,7 +41,7 @@ class Block:
 
     @property
     def preset(self):
-        """Preset that the block is of where no other is asked for."""
+        """Preset of the block unless another is given."""
         variant = self.name.partition(", ")[2]
         return variant or ("paper" if self.name.startswith("paper") else "capsule")
 
@@ -58,7 +58,7 @@ class Block:
 
     @property
     def component_class(self):
-        """The component that the file is about: the first one of its ``__all__``."""
+        """The first component in the ``__all__`` of the file."""
         module = import_module(".".join(filter(None, (hdl.__name__, self.unit, self.stem))))
         for name in module.__all__:
             value = getattr(module, name)
@@ -82,7 +82,7 @@ class Block:
         return {name: value for name, value in choices.items() if name in wanted}
 
     def component(self, config=None):
-        """A fresh component, as the design of ``config`` holds it; its preset by default."""
+        """A new component, as in the design of ``config``; that of its preset by default."""
         return self.component_class(**self.arguments(config or PRESETS[self.preset]))
 
 
@@ -98,12 +98,12 @@ BLOCKS = tuple(Block(name, unit) for unit, names in {
     "display": "overlay vga",
     "common": "table_memory stage point_fifo sram activity",
 }.items() for name in names.split())
-#: Blocks that have other ports in another preset than the one that their name tells. They are
-#: proved and checked too, but are no files of an export.
+#: Blocks whose ports are different in a second preset. They are proved and checked too, but are not
+#: exported.
 VARIANTS = (Block("commands, paper", "link"),)
 #: The whole design.
 TOP = Block("instrument", "")
-#: What is made of other blocks, each of which has its own bench and proofs.
+#: Designs made of other blocks, each of which has its own bench and proofs.
 ASSEMBLIES = (
     Block("front_end", "acquisition"), Block("point_link", "link"),
     *(Block(name, "") for name in (

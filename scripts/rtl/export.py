@@ -32,35 +32,36 @@ BUILD = paths.BUILD / "export"
 README = """\
 # {name}, exported
 
-Preset `capsule`: {width} x {height} pixels, {beams} beams on {lanes} lanes; `paper.v` and what only
-it uses are of the preset `paper`. `paper.v` is the measuring half alone, without commands,
-sequencer and laser guard. `PORTS.md` lists what joins the blocks, `MEMORIES.md` what memories hold
-at power-up.
+Preset `capsule`: {width} x {height} pixels, {beams} beams on {lanes} lanes; `paper.v` and the
+blocks that only it uses are of the preset `paper`. `paper.v` is the measuring half alone, without
+commands, sequencer and laser guard. `PORTS.md` lists the ports of all blocks, `MEMORIES.md` the
+contents of memories at power-up.
 
 | Folder | Holds |
 |---|---|
 | `verilog/` | each block on its own; `{top}.v` is the whole design in one file, from the imager's \
-pins to the serial pins, and `capsule.v` what is between pixels and packets |
-| `vhdl/` | hand-written twins, VHDL-93, same ports; generics as the constructor's arguments |
-| `memory/` | contents of the memories that do not start as zeros, a hexadecimal word a line |
-| `tables/` | with `--calibration FILE`: what it loads into registers and tables |
+pins to the serial pins, and `capsule.v` the part between pixels and packets |
+| `vhdl/` | hand-written twins in VHDL-93 with the same ports; generics are the constructor's \
+arguments |
+| `memory/` | contents of the memories that do not start as zeros, one hexadecimal word per line |
+| `tables/` | with `--calibration FILE`: the contents of registers and tables |
 | `ise/` | project for the {ise[device]}-{ise[package]}{ise[speed]}: `make` there, ISE <= 10.1 |
 | `vivado/` | project for the {vivado[part]}: `make` there |
 | `libero/` | project for the {libero[family]} {libero[die]}: `libero SCRIPT:{top}.tcl` there |
 
-The Verilog holds its own memory contents; `memory/` is for tools that want files. `clk` is the
+The Verilog contains the memory contents; `memory/` is for tools that need files. `clk` is the
 clock of the domain `sync`, `rst` its synchronous reset, high for one clock or more; other domains
 put their name before it, as in `pixel_clk`. The projects have no pins and no timing constraints.
 
 Flash parts (ProASIC3, IGLOO, PolarFire) give neither flip-flops nor memories a value at power-up:
 hold `rst` (and `pixel_rst`) until the clocks run, and load all tables over the serial line
-(`cyclope load`) after each power-up; `MEMORIES.md` tells which memories start with something else
-than zeros. The projects were written without the vendors' tools at hand, and not run.
+(`cyclope load`) after each power-up; `MEMORIES.md` shows which memories do not start as zeros. The
+projects were written without the vendors' tools and have not been run.
 """
 
 
 def fields(shape, offset=0, prefix=""):
-    """Yield a line on each field of a payload: its name and bits."""
+    """Yield the name and bits of each field of a payload."""
     layout = data.Layout.cast(shape) if _is_layout(shape) else None
     if layout is None:
         width = Shape.cast(shape).width
@@ -89,7 +90,7 @@ def payloads(component):
 
 
 def port_table(blocks):
-    """Markdown on the ports of ``blocks``: each a block, its component and its Verilog."""
+    """Markdown table of the ports of ``blocks``: each a block, its component and its Verilog."""
     lines = ["# Ports", "", "Bits of a payload are counted from the least significant one.", ""]
     for block, component, text in blocks:
         summary = (block.component_class.__doc__ or "").strip().split("\n")[0]
@@ -97,7 +98,7 @@ def port_table(blocks):
                   "| Port | Direction | Bits | Fields |", "|---|---|---:|---|"]
         inside = payloads(component)
         # Clocks and resets first, then the members in the order of the signature.
-        order = {name: place for place, name in enumerate(flat_ports(component))}
+        order = {name: index for index, name in enumerate(flat_ports(component))}
         lines += [
             f"| `{port.name}` | {port.direction} | {port.width} | {inside.get(port.name, '')} |"
             for port in sorted(ports(text, block.name), key=lambda port: order.get(port.name, -1))]
@@ -106,7 +107,7 @@ def port_table(blocks):
 
 
 def memory_table(held):
-    """Markdown on memories: pairs of a block and its memories."""
+    """Markdown table of memories, from pairs of a block and its memories."""
     lines = ["# Memories", "", "| Block | Module | Memory | Words | Bits | At power-up |",
              "|---|---|---|---:|---:|---|"]
     for block, found in held:
@@ -119,7 +120,7 @@ def memory_table(held):
 
 
 def hexadecimal(memory):
-    """The text of a memory's file, which ``$readmemh`` takes."""
+    """The text of a memory's file for ``$readmemh``."""
     digits = (memory.width + 3) // 4
     return (
         f"// {memory.module}, {memory.name}: {len(memory.words)} words of {memory.width} bits, "
@@ -128,7 +129,7 @@ def hexadecimal(memory):
 
 
 def write_tables(folder, settings):
-    """Write what a calibration loads: a file for each of the chip's tables, and the registers."""
+    """Write the contents of a calibrated chip: a file for each table, and the registers."""
     folder.mkdir()
     contents = table_contents(settings)
     for table in tables("paper" if settings.remap else "capsule"):

@@ -1,13 +1,12 @@
 """Prints what each block costs on a Virtex-II Pro.
 
 Synthesis is ``synth_xilinx -family xc2vp -flatten`` of yosys; the limits are on what that gives.
-The column "no MUXF" tells what is left with ``-nowidelut``, which does without MUXF5 to MUXF8 and
-looks for the fewest tables instead of the fewest levels of logic.
+The column "no MUXF" gives the size with ``-nowidelut``, which uses no MUXF5 to MUXF8 and
+minimises tables instead of levels of logic.
 
-LUT4 is the number of four-input tables that the cells take: LUT1 to LUT4 and INV one each, RAM16X1S
-and SRL16 one, RAM16X1D two. Carry chains and MUXF5 to MUXF8 live beside the tables and are not
-counted. FF counts every FD-cell. Results are kept under ``build/size`` by the hash of what was
-synthesised.
+LUT4 is the number of four-input tables that the cells use: LUT1 to LUT4 and INV one each, RAM16X1S
+and SRL16 one, RAM16X1D two. Carry chains and MUXF5 to MUXF8 are not counted. FF counts every
+FD-cell. Results are cached under ``build/size`` by the hash of the Verilog.
 """
 
 import argparse
@@ -26,13 +25,13 @@ from scripts.rtl.verilog import verilog
 __all__ = ["CELLS", "LIMITS", "measure", "measure_verilog"]
 
 BUILD = paths.BUILD / "size"
-#: Tables of four inputs that a cell takes.
+#: Four-input tables that a cell uses.
 CELLS = {
     "LUT1": 1, "LUT2": 1, "LUT3": 1, "LUT4": 1, "INV": 1,
     "RAM16X1S": 1, "RAM16X1D": 2, "RAM32X1S": 2, "RAM32X1D": 4, "RAM64X1S": 4, "RAM64X1D": 8,
     "SRL16": 1, "SRL16E": 1,
 }
-#: What may not be passed: four-input tables, multipliers, block memories.
+#: Largest allowed numbers of four-input tables, multipliers and block memories.
 LIMITS = {
     "capsule": {"lut4": 4500, "mult18x18": 14, "ramb16": 18},
     "paper": {"lut4": 11500, "mult18x18": 56, "ramb16": 124},
@@ -40,12 +39,12 @@ LIMITS = {
     "labelling": {"lut4": 1500, "ramb16": 6},
 }
 COLUMNS = ("lut4", "ff", "mult18x18", "ramb16")
-#: What Verilog says of a memory that begins empty; as it does so anyway, yosys need not read it.
+#: Initial values of a memory of zeros: the default, so yosys need not read them.
 _ZEROS = re.compile(r"  initial begin\n(    \w+\[\d+\] = \d+'h0+;\n)+  end\n")
 
 
 def summarise(cells):
-    """Fold yosys's counts of cells into ours."""
+    """Sizes from yosys's counts of cells."""
     return {
         "lut4": sum(CELLS.get(cell, 0) * count for cell, count in cells.items()),
         "ff": sum(count for cell, count in cells.items() if cell.startswith(("FD", "LD"))),
@@ -60,14 +59,14 @@ def summarise(cells):
 
 
 def measure_verilog(text, name, muxf=True):
-    """Size of module ``name`` of the Verilog ``text``, from the cache where it was seen before.
+    """Size of module ``name`` of the Verilog ``text``, from the cache if it is there.
 
-    Without ``muxf``, yosys may not join tables by MUXF5 to MUXF8.
+    Without ``muxf``, yosys may not join tables with MUXF5 to MUXF8.
 
     Raises
     ------
     RuntimeError
-        If yosys cannot synthesise it; the message ends with what yosys said.
+        If yosys cannot synthesise it; the message ends with that of yosys.
     """
     text = _ZEROS.sub("", text)
     option = "" if muxf else "-nowidelut"
@@ -95,16 +94,16 @@ def measure_verilog(text, name, muxf=True):
 
 
 def measure(block):
-    """Size of ``block`` in the preset capsule, its tables in both ways of counting."""
+    """Size of ``block`` with its preset, its tables counted in both ways."""
     text = verilog(block.component(), block.name)
     size = measure_verilog(text, block.name)
     return size | {"lut4_no_muxf": measure_verilog(text, block.name, muxf=False)["lut4"]}
 
 
 def over(name, size):
-    """Sentences on the limits that ``size`` passes."""
+    """Sentences on the limits that ``size`` exceeds."""
     return [
-        f"{name} takes {size[column]} {column}, more than its limit of {limit}"
+        f"{name} uses {size[column]} {column}, more than its limit of {limit}"
         for column, limit in LIMITS.get(name, {}).items() if size[column] > limit]
 
 
@@ -155,8 +154,8 @@ def main(arguments=None):
         table.add_row(name, *(f"{size[key]:,}" for key in (
             "lut4", "lut4_no_muxf", "ff", "mult18x18", "ramb16")), style=style)
 
-    wholes = [block.name for block in ASSEMBLIES if block.name in sizes]
-    parts = [name for name in sizes if name not in wholes]
+    assemblies = [block.name for block in ASSEMBLIES if block.name in sizes]
+    parts = [name for name in sizes if name not in assemblies]
     for name in parts:
         row(name, sizes[name])
     if len(parts) > 1:
@@ -164,8 +163,8 @@ def main(arguments=None):
         row("sum of blocks", {
             key: sum(sizes[name][key] for name in parts) for key in (*COLUMNS, "lut4_no_muxf")},
             style="dim")
-    for name in wholes:
-        row(f"{name} (whole)", sizes[name], style="bold")
+    for name in assemblies:
+        row(f"{name} (assembly)", sizes[name], style="bold")
     console = Console()
     if sizes:
         console.print(table)

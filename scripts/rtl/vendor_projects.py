@@ -20,7 +20,7 @@ LIBERO = {
 
 
 def edalize_project(folder, tool, options):
-    """Write a project with edalize, which needs no vendor tool for that."""
+    """Write a project with edalize, without any vendor tool."""
     from edalize.edatool import get_edatool
 
     folder.mkdir()
@@ -37,7 +37,7 @@ def edalize_project(folder, tool, options):
 
 
 def libero_project(folder):
-    """Write a Libero script; edalize's own has an absolute path in it and a flow of newer parts."""
+    """Write a Libero script; that of edalize has an absolute path and a flow for newer parts."""
     folder.mkdir()
     template = Template((TEMPLATES / "libero.tcl").read_text())
     (folder / f"{TOP.name}.tcl").write_text(template.substitute(

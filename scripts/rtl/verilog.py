@@ -1,4 +1,4 @@
-"""The Verilog of a component with names that VHDL can also spell, and what stands in it."""
+"""The Verilog of a component with names that are legal in VHDL too, and its ports and memories."""
 
 import re
 from dataclasses import dataclass
@@ -32,12 +32,12 @@ class Memory:
 
 
 def verilog(component, name):
-    """Verilog of ``component``, the same each time; inner modules need no escaped names.
+    """Verilog of ``component``, reproducible; inner modules have no escaped names.
 
-    Ports stand in the order of the signature, clocks and resets before them; in inner modules they
-    are sorted.
+    Clocks and resets come first, then the ports in the order of the signature; in inner modules
+    they are sorted.
     """
-    order = {port: place for place, port in enumerate(flat_ports(component))}
+    order = {port: index for index, port in enumerate(flat_ports(component))}
     text = to_verilog(component, name)
     inner = re.findall(r"^module \\(\S+)", text, re.MULTILINE)
     legal = {module: re.sub(r"\W+", "_", module) for module in inner}

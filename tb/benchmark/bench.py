@@ -1,4 +1,4 @@
-"""``make bench``: speed, accuracy, latency, noise, size, link and presets, each measured now.
+"""``make bench``: measures speed, accuracy, latency, noise, size, link and presets.
 
 ``python -m tb.benchmark.bench speed|accuracy|latency|noise|size|link|presets`` prints one part.
 """
@@ -26,9 +26,9 @@ def _table(title, *columns):
 
 
 def opencv_points(image, level, camera, distortion):
-    """What the chip does to a frame, by OpenCV: components, centres, undistortion.
+    """The work of the chip on a frame, with OpenCV: components, centres, undistortion.
 
-    The matching, a thousandth of the work, is left out.
+    Matching, a thousandth of the work, is left out.
     """
     _, mask = cv2.threshold(image, level - 1, 255, cv2.THRESH_BINARY)
     mask = cv2.erode(mask, np.ones((3, 3), np.uint8))
@@ -40,7 +40,7 @@ def opencv_points(image, level, camera, distortion):
 
 
 def _rate(work, frames, least_seconds=2.0):
-    """Frames per second of ``work(frames)``, repeated until it took long enough; the best run."""
+    """Frames per second of ``work(frames)``: the fastest of the runs of ``least_seconds``."""
     best = 0.0
     begin = time.perf_counter()
     while time.perf_counter() - begin < least_seconds:
@@ -51,7 +51,7 @@ def _rate(work, frames, least_seconds=2.0):
 
 
 def speed(console):
-    """Frames a second of every engine and of OpenCV, in one run on one core."""
+    """Frames per second of every engine and of OpenCV, on one core."""
     cv2.setNumThreads(1)
     from hdl.config import PRESETS
     from scripts.simulation.engine import ModelEngine, RTLEngine
@@ -117,12 +117,12 @@ def latency(console):
 
 
 def noise(console):
-    """What bit errors on the line cost, on its octets and on its start and stop bits too."""
+    """Packets lost to bit errors: of octets alone, and of start and stop bits too."""
     from rich.progress import track
 
     from tb.link.noise import measure
     table = _table("The link at a bit-error rate of 1e-4: of its octets, of its levels", "", "seed",
-                   "octets", "errors", "packets", "wrong", "lost", "not hit", "right at last")
+                   "octets", "errors", "packets", "wrong", "lost", "lost, not hit", "recovered")
     runs = [(characters, seed) for characters in (False, True) for seed in _SEEDS]
     for characters, seed in track(runs, "noise", console=Console(stderr=True), transient=True):
         figures = measure(1_000_000, 1e-4, seed, characters)
@@ -140,19 +140,19 @@ def size(console):
 
 
 def link(console):
-    """What the serial line carries: points of simulated frames, and texture in what they leave."""
+    """Load of the serial line: points of simulated frames, and texture in the time left over."""
     from tb.benchmark import line_load
     frames = [frame for frame in line_load.realistic_frames(_SEEDS)
               if np.count_nonzero(frame.points["status"] == 0) == 49]
     octets = np.array([line_load.points_octets(frame) for frame in frames])
     pair = line_load.octets_per_pair()
-    table = _table(f"Octet times of a frame of 49 ok points, pauses included, of the {pair:.1f} of "
-                   f"a pair at {line_load.BAUD:,} baud", "", "octets", "of the line", "limit")
+    table = _table(f"Octet times of a frame of 49 ok points, gaps included; a pair has {pair:.1f} "
+                   f"at {line_load.BAUD:,} baud", "", "octets", "of the line", "limit")
     for name, value in (("least", octets.min()), ("mean", octets.mean()), ("most", octets.max())):
         table.add_row(f"{name} of {len(frames)} frames", f"{value:.1f}",
                       f"{100 * value / pair:.1f} %", "299" if name == "most" else "")
     console.print(table)
-    table = _table("Time to send a whole texture of 352 x 288", "beside", "s")
+    table = _table("Time to send a whole texture of 352 x 288", "together with", "s")
     for name, frame in (("49 ok points, the longest frame", frames[int(octets.argmax())]),
                         ("nothing", None)):
         table.add_row(name, f"{line_load.refresh_seconds(frame):.1f}")
@@ -170,7 +170,7 @@ PARTS = {part.__name__: part for part in (
 
 
 def main(arguments=None):
-    """Print the parts that are named, or all; gives the exit status."""
+    """Print the named parts, or all; gives the exit status."""
     names = sys.argv[1:] if arguments is None else arguments
     unknown = [name for name in names if name not in PARTS]
     if unknown:

@@ -1,4 +1,4 @@
-"""Accuracy figures: simulate, calibrate and measure, over rigs, scenes, modes and seeds."""
+"""Depth errors: simulate, calibrate and measure, over rigs, scenes, modes and seeds."""
 
 import tempfile
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ _ALL = ("plane", "tilted", "polyp", "tube")
 
 @dataclass(frozen=True)
 class Case:
-    """A rig, scenes and modes, and the largest mean error that is allowed (None: no limit)."""
+    """A rig, scenes and modes, and the largest allowed mean error (None: no limit)."""
 
     rig: str
     kinds: tuple
@@ -35,11 +35,11 @@ _FRAMES = 4  # of each kind and seed
 
 
 def measure(case, seeds, step=None):
-    """Errors of all ok points over the seeds, beams expected, and beams found.
+    """Errors of all ok points over the seeds, numbers of beams expected and found.
 
-    Every seed is a capture of its own: lens, planes and frames are simulated, the nominal values
-    are off by their default error, and the calibration knows nothing but the capture. The golden
-    model measures, which gives the RTL's points.
+    Every seed has its own capture: lens, planes and frames are simulated, the nominal values are
+    off by their default error, and the calibration uses only the capture. The golden model
+    measures, whose points are those of the RTL.
     """
     from calibration.calibrate import Options, calibrate
     from calibration.capture import read_capture

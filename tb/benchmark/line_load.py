@@ -1,4 +1,4 @@
-"""What the serial line carries: octets of a frame's points, and the time to refresh a texture."""
+"""Load of the serial line: octets of a frame's points, and the time to refresh a texture."""
 
 import tempfile
 
@@ -15,14 +15,14 @@ _KINDS = ("plane", "tilted", "polyp", "tube")
 
 
 def octets_per_pair(baud=BAUD, pair_s=PAIR_S):
-    """Octets that the line carries in the time of a pair."""
+    """Octets that the line transmits in the time of a pair."""
     return baud / _BITS * pair_s
 
 
 def realistic_frames(seeds, rig="endoscope", frames=4):
     """Pattern frames of simulated scenes, as the golden model measures them.
 
-    Every seed is a rig with an error of its own, calibrated from its own capture.
+    Every seed has its own capture, with its own errors, and its own calibration.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def realistic_frames(seeds, rig="endoscope", frames=4):
 
 
 def points_octets(frame):
-    """Octet times that a frame's ok points and its trailer take, pauses included."""
+    """Octet times of a frame's ok points and its trailer, gaps included."""
     from model.link.framer import wire_octets
     from model.link.points import UNMATCHED, packets
 
@@ -62,9 +62,9 @@ def points_octets(frame):
 def refresh_seconds(frame=None, width=352, height=288, baud=BAUD, pair_s=PAIR_S):
     """Time until every pixel of a texture has been sent once.
 
-    Each pair brings the packets of ``frame`` (None: none, not even a trailer) when its pattern has
-    been read, a third of the way, and a texture frame when that has been read, at nine tenths.
-    Whole packets share the line by their priority; one packet waits behind the one that is sent.
+    The packets of ``frame`` (None: none, not even a trailer) are queued a third of the way through
+    each pair, when its pattern has been read, and a texture frame is offered at nine tenths, when
+    that has been read. Points have priority; a packet that is being sent is finished first.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def refresh_seconds(frame=None, width=352, height=288, baud=BAUD, pair_s=PAIR_S)
     width, height : :class:`int`
         Texture in pixels.
     baud : :class:`int`
-        Bits a second of the line.
+        Bit rate of the line.
     pair_s : :class:`float`
         Time of a pair.
     """

@@ -1,4 +1,4 @@
-"""The two presets side by side, measured now: size, clocks, and depth on the same captures."""
+"""The two presets side by side: size, clocks, and depth on the same captures."""
 
 import re
 
@@ -29,7 +29,7 @@ def _sizes():
 
 
 def _clocks(config, image):
-    """Clocks a frame of the preset paper, and from its last pixel to its last point."""
+    """Clocks of the preset paper: per frame, and from its last pixel to its last point."""
     from tb.system.paper_rig import PaperBench
     from tb.system.stimuli import any_settings
 
@@ -69,20 +69,20 @@ def presets(console):
     sizes = _sizes()
     for title, key in (("LUT4", "lut4"), ("flip-flops", "ff"), ("MULT18X18", "mult18x18"),
                        ("RAMB16", "ramb16"), ("memory, bits", "bits")):
-        screen = sizes["vga"][key] + sizes["sram_frames"][key]
+        display = sizes["vga"][key] + sizes["sram_frames"][key]
         table.add_row(title, f"{sizes['capsule'][key]:,}",
-                      f"{sizes['paper'][key]:,} (screen {screen:,})")
+                      f"{sizes['paper'][key]:,} (display {display:,})")
     pixels = config.width * config.height
     banks = 3 * -(-config.width // 4) * config.height
     table.add_row("external memory, words of 32 bits", "",
-                  f"{2 * -(-pixels // 2):,} (screen {banks:,} more)")
+                  f"{2 * -(-pixels // 2):,} (display {banks:,} more)")
     table.add_section()
     period, latency = _clocks(PRESETS["paper"], spots_on_the_last_row(PRESETS["paper"]))
     table.add_row("clocks from a frame's first pixel until the next may begin", f"{pixels:,}",
                   f"{period:,}")
     table.add_row("clocks from the last pixel to the last of 64 points",
                   f"{last_point_latency(config)[0]:,}", f"{latency:,}")
-    for rig in ("capsule", "demonstrator"):
+    for rig in ("endoscope", "demonstrator"):
         table.add_section()
         figures = _depth(rig)
         for title, *values in zip(("mean depth error", "found", "wrong"), figures["capsule"],

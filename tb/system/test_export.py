@@ -19,6 +19,7 @@ from model.settings import Settings
 from scripts.paths import ROOT
 from scripts.rtl import export, size
 from scripts.rtl.blocks import ASSEMBLIES, BLOCKS, TOP, VARIANTS, Block, find, present
+from scripts.rtl.verilog import Memory, memories, modules, ports, verilog
 from scripts.simulation.library import ZEROS
 from tb.hdlsim import WAIVERS, prepare_environment, require_ghdl
 
@@ -69,7 +70,7 @@ def test_block_is_found_by_its_path():
 
 @pytest.mark.parametrize("block", PRESENT, ids=NAMES)
 def test_port_names_are_legal(exported, block):
-    found = export.ports(text_of(exported, block), block.name)
+    found = ports(text_of(exported, block), block.name)
     names = [port.name for port in found]
     assert len({name.lower() for name in names}) == len(names)
     assert block.name not in names
@@ -93,8 +94,8 @@ def test_tables_name_every_port_and_memory(exported, block):
     section = re.search(rf"^## {block.name}\n(.*?)(?=^## |\Z)", table, re.M | re.S)[1]
     listed = re.findall(r"^\| `(\w+)` \| (\w+) \| (\d+) \|", section, re.M)
     assert sorted(listed) == sorted(
-        (port.name, port.direction, str(port.width)) for port in export.ports(text, block.name))
-    held = export.memories(text)
+        (port.name, port.direction, str(port.width)) for port in ports(text, block.name))
+    held = memories(text)
     assert len(held) == len(re.findall(r"^  reg [^;=]*\[\d+:\d+\];", text, re.M))
     table = (exported / "MEMORIES.md").read_text()
     for memory in held:
@@ -121,7 +122,7 @@ def test_verilog_is_clean(exported, block):
 def test_variant_verilog_is_clean(block):
     name = re.sub(r"\W+", "_", block.name)
     folder = ROOT / "build" / "test" / "lint"
-    assert_is_clean(folder, name, export.verilog(block.component(), name))
+    assert_is_clean(folder, name, verilog(block.component(), name))
 
 
 def assert_is_clean(folder, name, text):
@@ -160,7 +161,7 @@ def test_twin_has_the_same_ports(exported, block):
         width = eval(high, {}, generics) + 1 if high else 1
         twin += [
             export.Port(name.strip(), f"{direction}put", width) for name in names.split(",")]
-    wanted = export.ports(text_of(exported, block), block.name)
+    wanted = ports(text_of(exported, block), block.name)
     clock = [export.Port("clk", "input", 1), export.Port("rst", "input", 1)]
     assert set(twin) == {*wanted, *clock}
 
@@ -175,7 +176,7 @@ def test_twin_has_the_same_ports(exported, block):
 def test_inner_modules_need_no_escape(exported):
     text = text_of(exported, TOP)
     assert "module \\" not in text
-    assert len(export.modules(text)) > len(BLOCKS) / 2
+    assert len(modules(text)) > len(BLOCKS) / 2
 
 
 def test_verilog_is_the_same_each_time():
@@ -265,10 +266,10 @@ def test_payload_fields_are_spelt_out():
 
 
 def test_memories_are_read_from_verilog():
-    [memory] = export.memories(
+    [memory] = memories(
         "module a.b(x);\n  reg [5:0] words [2:0];\n  initial begin\n    words[0] = 6'h2a;\n"
         "    words[1] = 6'h00;\n    words[2] = 6'h3f;\n  end\nendmodule\n".replace("a.b", "a_b"))
-    assert memory == export.Memory("a_b", "words", 6, (42, 0, 63))
+    assert memory == Memory("a_b", "words", 6, (42, 0, 63))
     assert export.hexadecimal(memory) == (
         "// a_b, words: 3 words of 6 bits, first word first, at power-up\n2a\n00\n3f\n")
 
@@ -285,8 +286,8 @@ def test_passed_limits_are_told():
     limit = size.LIMITS["capsule"]
     big = {"lut4": limit["lut4"] + 1, "mult18x18": 14, "ramb16": limit["ramb16"] + 1}
     assert size.over("capsule", big) == [
-        f"capsule takes {limit['lut4'] + 1} lut4, more than its limit of {limit['lut4']}",
-        f"capsule takes {limit['ramb16'] + 1} ramb16, more than its limit of {limit['ramb16']}"]
+        f"capsule uses {limit['lut4'] + 1} lut4, more than its limit of {limit['lut4']}",
+        f"capsule uses {limit['ramb16'] + 1} ramb16, more than its limit of {limit['ramb16']}"]
     assert size.over("depth", big) == []
 
 

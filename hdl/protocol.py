@@ -33,7 +33,10 @@ CONTENT_LIMIT = WIRE_LIMIT - 3
 
 @dataclass(frozen=True)
 class Field:
-    """A field of a packet: name, bits (a multiple of 8 where it stands alone), meaning."""
+    """A field of a packet or of a table's word: name, bits, meaning.
+
+    Fields of packets have whole octets.
+    """
 
     name: str
     bits: int
@@ -213,14 +216,18 @@ def registers(clock_hz=16_000_000, baud=115_200):
 
 @dataclass(frozen=True)
 class Table:
-    """A table: number, name, words, bits of a word (whole octets on the wire), banks."""
+    """A table: number, name, words, fields of a word (the lowest bits first), banks."""
 
     number: int
     name: str
     words: int | None  # None: as many as the sensor's size makes them
-    bits: int
-    meaning: str
+    fields: tuple
     banked: bool = True  # else it is written only while the mode is 0, and no set is valid then
+
+    @property
+    def bits(self):
+        """Bits of a word."""
+        return sum(field.bits for field in self.fields)
 
     @property
     def octets(self):
@@ -237,18 +244,23 @@ class Table:
 #: of 128 beams; a chip with K beams takes 2 K and K, and no others. The CRC-32 (ISO-HDLC) goes over
 #: the words' octets as TABLE carries them.
 TABLES = (
-    Table(0, "depth", 256, 36, "2k: alpha of beam k, signed 18 bits, 12 of them fraction; 2k + 1: "
-          "beta, signed 36 bits, 12 of them fraction; 1/z = alpha x + beta"),
-    Table(1, "reciprocal", 256, 36, "see model/preprocessing/centre.py", banked=False),
-    Table(2, "radial", 1024, 18, "radial scale, see model/stereo/undistort.py"),
-    Table(3, "beams", 128, 72, "line k: slope, signed Q0.17, 18 bits; offset, signed Q9.9, 18; "
-          "tolerance, unsigned Q4.5, 9 bits (0 disables the beam); least and largest x, signed "
-          "Q9.4, 13 bits each; 1 bit zero"),
+    Table(0, "depth", 256, (
+        Field("depth", 36, "2k: alpha of beam k, signed 18 bits, 12 of them fraction; 2k + 1: "
+              "beta, signed 36 bits, 12 of them fraction; 1/z = alpha x + beta"),)),
+    Table(1, "reciprocal", 256, (
+        Field("reciprocal", 36, "see model/preprocessing/centre.py"),), banked=False),
+    Table(2, "radial", 1024, (
+        Field("radial", 18, "radial scale, see model/stereo/undistort.py"),)),
+    Table(3, "beams", 128, (
+        Field("line", 36, "line k: slope, signed Q0.17, 18 bits; offset, signed Q9.9, 18"),
+        Field("window", 36, "tolerance, unsigned Q4.5, 9 bits (0 disables the beam); least and "
+              "largest x, signed Q9.4, 13 bits each; 1 bit zero"))),
 )
 #: The preset ``paper`` has one more, in its external memory.
-REMAP = Table(4, "remap", None, 64, "places of four pixels of the corrected image: two words of "
-               "hdl/preprocessing/remap.py, the lower one first; preset `paper` only",
-               banked=False)
+REMAP = Table(4, "remap", None, (
+    Field("even", 32, "positions of two pixels of the corrected image, see model/preprocessing/"
+          "remap.py"),
+    Field("odd", 32, "of the next two; preset `paper` only")), banked=False)
 
 
 def tables(preset):

@@ -128,8 +128,7 @@ class Reconstruction(wiring.Component):
             epipolar.write_enable.eq(self.table_write & chosen["beams"]),
             epipolar.read_enable.eq(self.table_read & chosen["beams"]),
             epipolar.write_address.eq(self.table_address),
-            epipolar.write_line.eq(self.table_data[:36]),
-            epipolar.write_window.eq(self.table_data[36:]),
+            Cat(epipolar.write_line, epipolar.write_window).eq(self.table_data),
         ]
         read = Signal()
         m.d.sync += read.eq(self.table_read)

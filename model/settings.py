@@ -1,19 +1,16 @@
 """What the calibration loads into the chip: registers and tables, as plain integers."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
+from hdl.protocol import REMAP, TABLES, registers
 from model.preprocessing.remap import pack_remap
 
-__all__ = ["EROSION_MODES", "RADIAL_WORDS", "RECIPROCAL_WORDS", "DEPTH", "RECIPROCAL", "RADIAL",
-           "BEAMS", "Settings", "table_contents"]
+__all__ = ["EROSION_MODES", "RADIAL_WORDS", "RECIPROCAL_WORDS", "Settings"]
 
 #: Erosion modes in the order of their codes.
 EROSION_MODES = ("off", "erode", "gate")
-RADIAL_WORDS = 1024
-RECIPROCAL_WORDS = 256
-#: Numbers of the chip's tables; those of beams are lines (low 36 bits) and windows.
-DEPTH, RECIPROCAL, RADIAL, BEAMS = range(4)
-_MASK_18 = (1 << 18) - 1
+_WORDS = {table.name: table.words for table in TABLES}
+RADIAL_WORDS, RECIPROCAL_WORDS = _WORDS["radial"], _WORDS["reciprocal"]
 
 
 @dataclass(frozen=True)
@@ -64,43 +61,70 @@ class Settings:
     remap: tuple = field(default=(), repr=False)
 
     def registers(self):
-        """Register names of the chip's top and their values, negative ones in two's complement."""
-        return {
-            "threshold_fixed": int(self.level_fixed is not None),
-            "threshold_level": int(self.level_fixed or 0),
-            "threshold_alpha": int(self.threshold_alpha),
+        """Registers of the chip and their values, by name, negative ones in two's complement."""
+        values = {
+            **{entry.name: getattr(self, entry.name) for entry in fields(self)},
+            "threshold_fixed": self.level_fixed is not None,
+            "threshold_level": self.level_fixed or 0,
             "erosion_mode": EROSION_MODES.index(self.erosion),
-            "weighted": int(self.weighted),
-            "area_min": int(self.area_min),
-            "area_max": int(self.area_max),
-            "report_rejected": int(self.report_rejected),
-            "principal_u": int(self.principal_u),
-            "principal_v": int(self.principal_v),
-            "tangential_1": int(self.tangential_1) & _MASK_18,
-            "tangential_2": int(self.tangential_2) & _MASK_18,
         }
+        return {register.name: int(values[register.name]) & ((1 << register.bits) - 1)
+                for register in registers() if register.name in values}
 
-    def table_words(self):
-        """Yield (table, address, word) of every table write, tables as above."""
-        beams = (int(line) | int(window) << 36
-                 for line, window in zip(self.line, self.window, strict=True))
-        for table, words in ((DEPTH, self.depth), (RECIPROCAL, self.reciprocal),
-                             (RADIAL, self.radial), (BEAMS, beams)):
-            for address, word in enumerate(words):
-                yield table, address, int(word)
+    def tables(self):
+        """Words of every table of the preset that the settings are for, by the table's name."""
+        words = {table.name: _packed(table, (getattr(self, part.name) for part in table.fields))
+                 for table in TABLES}
+        if self.remap:
+            positions = [int(word) for word in pack_remap(self.remap)]
+            positions += [0] * (len(positions) % 2)
+            words[REMAP.name] = _packed(REMAP, (positions[::2], positions[1::2]))
+        return words
+
+    @classmethod
+    def from_chip(cls, values, words):
+        """Settings of a chip of the preset ``capsule`` that holds these registers and tables.
+
+        Parameters
+        ----------
+        values : :class:`dict`
+            Value of every register of :meth:`registers`, by its name.
+        words : :class:`dict`
+            Words of every table, by its name.
+        """
+        names = {entry.name for entry in fields(cls)}
+        same = {}
+        for register in registers():
+            if register.name in names:
+                value = values[register.name] & ((1 << register.bits) - 1)
+                same[register.name] = value - (
+                    register.signed << register.bits if value >> register.bits - 1 else 0)
+        parts = {part.name: column for table in TABLES for part, column in zip(
+            table.fields, _unpacked(table, words[table.name]), strict=True)}
+        return cls(
+            level_fixed=values["threshold_level"] if values["threshold_fixed"] else None,
+            erosion=EROSION_MODES[values["erosion_mode"]],
+            **{**same, "weighted": bool(same["weighted"]),
+               "report_rejected": bool(same["report_rejected"])},
+            **parts)
 
 
-def table_contents(settings):
-    """Words of every table of the preset that the settings are for, by the table's name."""
-    words = {
-        "depth": [int(word) for word in settings.depth],
-        "reciprocal": [int(word) for word in settings.reciprocal],
-        "radial": [int(word) & 0x3FFFF for word in settings.radial],
-        "beams": [int(line) | int(window) << 36
-                  for line, window in zip(settings.line, settings.window, strict=True)]}
-    if settings.remap:
-        places = [int(word) for word in pack_remap(settings.remap)]
-        places += [0] * (len(places) % 2)
-        words["remap"] = [low | high << 32
-                           for low, high in zip(places[::2], places[1::2], strict=True)]
+def _packed(table, columns):
+    """Words of a table, from a sequence of values for each field."""
+    words = []
+    for values in zip(*columns, strict=True):
+        word = place = 0
+        for part, value in zip(table.fields, values, strict=True):
+            word |= (int(value) & ((1 << part.bits) - 1)) << place
+            place += part.bits
+        words.append(word)
     return words
+
+
+def _unpacked(table, words):
+    """The values of each field of a table, from its words."""
+    place, columns = 0, []
+    for part in table.fields:
+        columns.append(tuple(word >> place & ((1 << part.bits) - 1) for word in words))
+        place += part.bits
+    return columns

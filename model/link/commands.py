@@ -60,7 +60,7 @@ class CommandMachine:
     """
 
     def __init__(self, width, height, beams, lanes, preset="capsule", clock_hz=16_000_000,
-                 baud=115_200):
+                 baud=115_200, versions=(PROTOCOL_VERSION, TABLE_VERSION)):
         self.registers = {register.address: register for register in registers(clock_hz, baud)}
         self.written = {entry.name: entry.reset for entry in self.registers.values()}
         self.acting = dict(self.written)
@@ -75,9 +75,10 @@ class CommandMachine:
         self.capture = self.cleared = 0
         self.ready = True
         self.status = {field.name: 0 for field in STATUS_FIELDS}
-        self._sensor = (width, height, beams, TABLE_VERSION)
+        protocol, table_version = versions
+        self._sensor = (width, height, beams, table_version)
         self._identity = {
-            "protocol": PROTOCOL_VERSION, "tables": TABLE_VERSION, "width": width,
+            "protocol": protocol, "tables": table_version, "width": width,
             "height": height, "beams": beams, "lanes": lanes,
             "preset": PRESET_NAMES.index(preset),
             "clock_khz": clock_hz // 1000}

@@ -4,7 +4,6 @@ from pathlib import Path
 
 from hdl.protocol import Mode
 from model.errors import UserError
-from model.settings import table_contents
 from scripts.host.chip import REGISTERS, Commands, check_chip
 from scripts.host.loading import load, signed, stop, wait_until, write_registers
 from scripts.host.port import add_port_arguments, open_port
@@ -134,7 +133,7 @@ def main(arguments):
         pictures = commands.read("pattern_as_texture")
     state = status["state"]
     if calibration is not None:
-        words = table_contents(calibration.settings)
+        words = calibration.settings.tables()
         print(f"loaded and read back: {len(words)} tables, {sum(map(len, words.values()))} words, "
               f"{len(chosen)} registers")
     elif chosen:

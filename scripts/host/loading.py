@@ -4,7 +4,6 @@ import time
 
 from hdl.protocol import REMAP, Mode
 from model.errors import UserError
-from model.settings import table_contents
 from scripts.host.chip import REGISTERS
 
 __all__ = ["load", "signed", "stop", "wait_until", "write_registers"]
@@ -61,7 +60,7 @@ def load(commands, calibration, progress=None):
     progress : callable or None
         Told the words done and the words in all.
     """
-    words = table_contents(calibration.settings)
+    words = calibration.settings.tables()
     total, done = 2 * sum(map(len, words.values())) - len(words.get(REMAP.name, ())), 0
 
     def step(count):

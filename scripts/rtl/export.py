@@ -19,7 +19,6 @@ from hdl.config import PRESETS
 from hdl.export import flat_ports
 from hdl.protocol import REMAP, tables
 from model.errors import UserError
-from model.settings import table_contents
 from scripts import paths
 from scripts.paths import ROOT
 from scripts.rtl.blocks import TOP, present
@@ -131,7 +130,7 @@ def hexadecimal(memory):
 def write_tables(folder, settings):
     """Write the contents of a calibrated chip: a file for each table, and the registers."""
     folder.mkdir()
-    contents = table_contents(settings)
+    contents = settings.tables()
     for table in tables("paper" if settings.remap else "capsule"):
         words = contents[table.name]
         head = (f"table {table.number} of TABLE: {len(words)} words, each two of the external "

@@ -117,7 +117,8 @@ def _tables():
     words = {"depth": "2 K", "beams": "K", "remap": "pixels / 4"}
     return _rows(("Number", "Name", "Words", "Bits", "Octets", "A word"), (
         (table.number, f"`{table.name}`", words.get(table.name, table.words), table.bits,
-         table.octets, table.meaning) for table in protocol.tables("paper")))
+         table.octets, "; ".join(field.meaning for field in table.fields))
+        for table in protocol.tables("paper")))
 
 
 def _bits(name, head):

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from hdl.config import PRESETS
+from hdl.protocol import TABLES
 from model.capsule import Capsule as CapsuleModel
 from model.errors import UserError
 from model.link.framer import frame as framed
@@ -174,10 +175,13 @@ class RTLEngine(_Engine):
             if not self._library.capsule_set(
                     self._handle, name.encode(), ctypes.c_uint32(int(values[name]))):
                 raise LookupError(f"The simulated chip has no register {name!r}")
-        for memory, address, word in settings.table_words():
-            parts = (ctypes.c_uint32 * 3)(*(word >> 32 * part & 0xFFFFFFFF for part in range(3)))
-            self._library.capsule_write_table(
-                self._handle, memory, ctypes.c_uint32(address), parts)
+        tables = settings.tables()
+        for table in TABLES:
+            for address, word in enumerate(tables[table.name]):
+                parts = (ctypes.c_uint32 * 3)(
+                    *(word >> 32 * part & 0xFFFFFFFF for part in range(3)))
+                self._library.capsule_write_table(
+                    self._handle, table.number, ctypes.c_uint32(address), parts)
         self._library.capsule_swap(self._handle)
         if self.config.preset == "paper":
             from hdl.paper_points import REMAP_BASE

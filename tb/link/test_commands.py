@@ -5,7 +5,7 @@ import pytest
 
 from hdl.export import to_verilog
 from hdl.link.commands import Commands
-from hdl.protocol import GUARD_CAUSES, Command, Mode, Reason
+from hdl.protocol import GUARD_CAUSES, Command, Mode, Reason, tables
 from model.link.receiver import encode
 from scripts.rtl.size import measure_verilog
 from tb.hdlsim import run
@@ -13,7 +13,9 @@ from tb.link.command_host import Host
 from tb.link.command_rig import CommandRig
 
 SENSOR = bytes([64, 0, 48, 0, 3, 1])
-DEPTH, RECIPROCAL, RADIAL, BEAMS, REMAP = range(5)
+NUMBERS = {table.name: table.number for table in tables("paper")}
+RECIPROCAL, RADIAL, BEAMS, REMAP = (
+    NUMBERS[name] for name in ("reciprocal", "radial", "beams", "remap"))
 
 
 @pytest.mark.parametrize("gap,stall", [(0.0, 0.0), (0.5, 0.0), (0.0, 0.9)])

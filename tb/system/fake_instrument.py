@@ -10,18 +10,17 @@ import numpy as np
 from calibration.file import Beam, Calibration
 from calibration.lens import Lens
 from calibration.projector import Projector
-from hdl.protocol import TABLES, Command, Mode, Reason, registers
+from hdl.protocol import PROTOCOL_VERSION, TABLE_VERSION, TABLES, Command, Mode, Reason
 from model.capsule import Capsule
-from model.settings import EROSION_MODES, Settings
+from model.link.commands import CommandMachine
+from model.settings import Settings
 from tb.link.wire import Wire, make_frame
 from tb.system.stimuli import any_settings, spot_frame
 
 __all__ = ["FakeInstrument", "any_calibration", "images"]
 
 PAIR_US = 40_000
-_REGISTERS = {register.address: register for register in registers()}
-_TABLES = {table.number: table for table in TABLES}
-_MASK_36 = (1 << 36) - 1
+_RADIAL = next(table.number for table in TABLES if table.name == "radial")
 
 
 def any_calibration(width=64, height=64, rows=3, columns=3, seed=1, **changes):
@@ -53,6 +52,9 @@ def _unstuffed(piece):
 class FakeInstrument:
     """The chip as its host sees it.
 
+    Commands are carried out by :class:`model.link.commands.CommandMachine`; what was written acts
+    at the next pair, or at once while the chip is stopped.
+
     Parameters
     ----------
     shown : list of array (height, width)
@@ -61,13 +63,15 @@ class FakeInstrument:
         Beams of the chip.
     texture : array (height, width) or None
         What texture frames show.
+    protocol, tables : :class:`int`
+        Versions that it claims.
 
     Attributes
     ----------
     noise : :class:`float`
         Probability that a bit to the host is turned over.
     deaf : :class:`int`
-        So many of the next commands are not heard.
+        So many of the next commands are lost.
     damaging : :class:`int`
         So many of the next commands arrive damaged.
     mute : :class:`int`
@@ -76,23 +80,34 @@ class FakeInstrument:
         So many of the next commands find the chip busy.
     forgetful : :class:`bool`
         A bit of the radial table's memory is stuck.
+    guard_causes : :class:`int`
+        Causes that the laser guard holds.
     """
 
-    def __init__(self, shown, beams=9, texture=None, protocol=3, tables=1):
+    def __init__(self, shown, beams=9, texture=None, protocol=PROTOCOL_VERSION,
+                 tables=TABLE_VERSION):
         self.shown, self.beams, self.texture = shown, beams, texture
         self.height, self.width = shown[0].shape
-        self.versions = protocol, tables
         self.noise, self.forgetful = 0.0, False
         self.deaf = self.damaging = self.mute = self.busy = 0
-        self.registers = {name.name: name.reset for name in _REGISTERS.values()}
-        self.counters = dict.fromkeys(("commands", "refused", "damaged", "pairs", "packets"), 0)
+        self.machine = CommandMachine(self.width, self.height, beams, 2,
+                                      versions=(protocol, tables))
+        self.counters = self.machine.status
+        self.counters.update(timeouts=1, bad_sync=2, overrun=3, skipped=4, framing=5)
         self.guard_causes = self.capture_until = 0
-        self.tables = {table.name: [0] * table.count(beams, 0) for table in TABLES}
-        self._new = {name: list(words) for name, words in self.tables.items()}
-        self._begun = self._committed = self.valid = False
-        self._bank, self.number, self.now, self._next = 0, 0, 0, 0
+        self.number, self.now, self._next = 0, 0, 0
         self._wire, self._pending, self._out = Wire(), b"", b""
         self._row, self._model, self._rng = 0, None, np.random.default_rng(1)
+
+    @property
+    def registers(self):
+        """Values of the registers as they act."""
+        return self.machine.acting
+
+    @property
+    def valid(self):
+        """Whether a set of tables was committed and checked."""
+        return self.machine.tables_valid
 
     def pattern(self, number):
         """Which of the images frame ``number`` is."""
@@ -102,7 +117,7 @@ class FakeInstrument:
         """Octets from the host."""
         *pieces, self._pending = (self._pending + octets).split(b"\0")
         for piece in filter(None, pieces):
-            self._hear(_unstuffed(piece))
+            self._take(_unstuffed(piece))
 
     def run(self, microseconds):
         """Let so much time pass."""
@@ -120,16 +135,11 @@ class FakeInstrument:
         return octets
 
     def _pair(self):
-        if self._committed:
-            self._committed, self.valid = False, True
-            self.tables = {name: list(words) for name, words in self._new.items()}
-            self._bank ^= 1
-            self._model = None
+        self._hand_over()
         mode = self.registers["mode"]
         if mode == Mode.STOP:
             return
-        if mode == Mode.SINGLE:
-            self.registers["mode"] = Mode.STOP
+        self.machine.single_done()
         self.counters["pairs"] += 1
         capture = self.now < self.capture_until
         lit = self.valid or capture
@@ -143,18 +153,21 @@ class FakeInstrument:
             flags=int(seen.learning) << 1 | lit << 3 | state)
         self._send(self._wire.frame(frame, bool(self.registers["full_records"])))
         if mode != Mode.PATTERN:
-            number = self.number + 1
-            self._send([self._wire.texture_frame(
-                number, exposure_us=self.registers["texture_us"],
-                timestamp_us=self._next + 20_000, flags=state | 0x80)])
-            if self.texture is not None and self.registers["texture_enable"]:
-                for _ in range(8):
-                    for column in range(0, self.width, 86):
-                        self._send([self._wire.texture(
-                            number, self._row, column,
-                            self.texture[self._row, column:column + 86].tobytes())])
-                    self._row = (self._row + 1) % self.height
+            self._send_texture(self.number + 1, state | 0x80)
         self.number = (self.number + 2) & 0xFFFF
+
+    def _send_texture(self, number, flags):
+        self._send([self._wire.texture_frame(
+            number, exposure_us=self.registers["texture_us"],
+            timestamp_us=self._next + 20_000, flags=flags)])
+        if self.texture is None or not self.registers["texture_enable"]:
+            return
+        for _ in range(8):
+            for column in range(0, self.width, 86):
+                self._send([self._wire.texture(
+                    number, self._row, column,
+                    self.texture[self._row, column:column + 86].tobytes())])
+            self._row = (self._row + 1) % self.height
 
     def _send(self, packets):
         for packet in packets:
@@ -162,21 +175,20 @@ class FakeInstrument:
             self.counters["packets"] = (self.counters["packets"] + 1) & 0xFFFF
 
     def _settings(self):
-        values = dict(self.registers)
-        fixed = values["threshold_level"] if values["threshold_fixed"] else None
-        return Settings(
-            level_fixed=fixed, threshold_alpha=values["threshold_alpha"],
-            erosion=EROSION_MODES[values["erosion_mode"]],
-            weighted=bool(values["weighted"]), report_rejected=bool(values["report_rejected"]),
-            radial=tuple(self.tables["radial"]), reciprocal=tuple(self.tables["reciprocal"]),
-            depth=tuple(self.tables["depth"]),
-            line=tuple(word & _MASK_36 for word in self.tables["beams"]),
-            window=tuple(word >> 36 for word in self.tables["beams"]),
-            **{name: values[name] for name in (
-                "area_min", "area_max", "principal_u", "principal_v", "tangential_1",
-                "tangential_2")})
+        machine = self.machine
+        return Settings.from_chip(self.registers, {
+            table.name: words for table, words in zip(
+                machine.kinds, machine.tables[machine.bank], strict=True)})
 
-    def _hear(self, content):
+    def _hand_over(self):
+        """Registers and tables that were written begin to act."""
+        before = self.machine.acting, self.machine.bank
+        self.machine.hand_over()
+        if (self.machine.acting, self.machine.bank) != before:
+            self._model = None
+
+    def _take(self, content):
+        """The content of a packet from the host, with its check."""
         if self.deaf:
             self.deaf -= 1
             return
@@ -186,125 +198,32 @@ class FakeInstrument:
             self.counters["damaged"] += 1
             self._send([self._wire.reply(0, 0, Reason.DAMAGED_PACKET)])
             return
-        command, tag, data = body[0], body[1], body[2:]
+        command, tag = body[:2]
         if self.busy:
             self.busy -= 1
+            self.counters["refused"] += 1
             reason, answer = Reason.BUSY, b""
         else:
-            reason, answer = self._carry_out(command, data)
-        self.counters["refused" if reason else "commands"] += 1
+            reason, answer = self._carry_out(command, body)
         if self.mute:
             self.mute -= 1
             return
         self._send([self._wire.reply(tag, command, reason, answer)])
 
-    def _carry_out(self, command, data):
-        """Reason and data of the answer."""
-        lengths = {Command.IDENTIFY: 0, Command.WRITE: 5, Command.READ: 1, Command.BEGIN: 6,
-                   Command.COMMIT: 16, Command.READ_TABLE: 4, Command.STATUS: 0,
-                   Command.CAPTURE: 2, Command.CLEAR: 0}
-        if command == Command.TABLE:
-            if len(data) < 4:
-                return Reason.WRONG_LENGTH, b""
-        elif command not in lengths:
-            return Reason.UNKNOWN_COMMAND, b""
-        elif len(data) != lengths[command]:
-            return Reason.WRONG_LENGTH, b""
-        answer = getattr(self, "_" + Command(command).name.lower())(data)
-        return answer if isinstance(answer, tuple) else (Reason.OK, answer or b"")
-
-    def _identify(self, _):
-        protocol, tables = self.versions
-        return (bytes([protocol, tables]) + self.width.to_bytes(2, "little")
-                + self.height.to_bytes(2, "little") + bytes([self.beams, 2, 0])
-                + (16_000).to_bytes(2, "little"))
-
-    def _write(self, data):
-        register = _REGISTERS.get(data[0])
-        if register is None:
-            return Reason.UNKNOWN_REGISTER, b""
-        value = int.from_bytes(data[1:], "little", signed=register.signed)
-        half = 1 << register.bits - 1
-        low, high = (-half, half - 1) if register.signed else (register.low, 2 * half - 1)
-        if not low <= value <= (high if register.high is None else register.high):
-            return Reason.OUT_OF_RANGE, b""
-        self.registers[register.name] = value
-        self._model = None
-        return b""
-
-    def _read(self, data):
-        register = _REGISTERS.get(data[0])
-        if register is None:
-            return Reason.UNKNOWN_REGISTER, b""
-        return (self.registers[register.name] & 0xFFFFFFFF).to_bytes(4, "little")
-
-    def _begin(self, data):
-        if data != (self.width.to_bytes(2, "little") + self.height.to_bytes(2, "little")
-                    + bytes([self.beams, self.versions[1]])):
-            return Reason.OTHER_SENSOR, b""
-        self._begun = True
-        return b""
-
-    def _span(self, data):
-        """Table and first word, or a refusal."""
-        table = _TABLES.get(data[0])
-        if table is None:
-            return None, 0
-        return table, int.from_bytes(data[1:3], "little")
-
-    def _table(self, data):
-        table, first = self._span(data)
-        if not self._begun:
-            return Reason.NO_BEGIN, b""
-        if table is None:
-            return Reason.UNKNOWN_TABLE, b""
-        count, rest = divmod(len(data) - 3, table.octets)
-        if rest:
-            return Reason.WRONG_LENGTH, b""
-        if first + count > table.count(self.beams, 0):
-            return Reason.OUT_OF_RANGE, b""
-        if not table.banked and self.registers["mode"] != Mode.STOP:
-            return Reason.NOT_STOPPED, b""
-        for at in range(count):
-            place = 3 + at * table.octets
-            word = int.from_bytes(data[place:place + table.octets], "little")
-            self._new[table.name][first + at] = word | (
-                self.forgetful and table.name == "radial" and first + at == 100)
-        return b""
-
-    def _read_table(self, data):
-        table, first = self._span(data)
-        if table is None:
-            return Reason.UNKNOWN_TABLE, b""
-        if first + data[3] > table.count(self.beams, 0) or data[3] * table.octets > 88:
-            return Reason.OUT_OF_RANGE, b""
-        return b"".join(word.to_bytes(table.octets, "little")
-                        for word in self._new[table.name][first:first + data[3]])
-
-    def _commit(self, data):
-        if not self._begun:
-            return Reason.NO_BEGIN, b""
-        for table in TABLES:
-            octets = b"".join(word.to_bytes(table.octets, "little")
-                              for word in self._new[table.name])
-            if zlib.crc32(octets).to_bytes(4, "little") != data[4 * table.number:][:4]:
-                return Reason.DAMAGED_TABLE, b""
-        self._begun, self._committed = False, True
-        return b""
-
-    def _status(self, _):
+    def _carry_out(self, command, body):
+        """Reason and data of the reply."""
+        machine = self.machine
         capture = self.now < self.capture_until
-        state = (self.valid | (self.valid or capture) << 1 | capture << 2 | self._committed << 3
-                 | self._bank << 4 | self.registers["mode"] << 5)
-        counters = self.counters
-        return (bytes([state, self.guard_causes]) + counters["pairs"].to_bytes(2, "little")
-                + bytes([1, 2, 3, 4]) + b"".join(
-                    counters[name].to_bytes(2, "little")
-                    for name in ("commands", "refused", "damaged"))
-                + bytes([5]) + counters["packets"].to_bytes(2, "little") + bytes(2))
-
-    def _capture(self, data):
-        self.capture_until = self.now + 1000 * int.from_bytes(data, "little")
-
-    def _clear(self, _):
-        self.guard_causes = 0
+        machine.capture *= capture
+        self.counters["state"] = (self.valid or capture) << 1
+        self.counters["guard_causes"] = self.guard_causes
+        reply = machine.reply(body)
+        if command == Command.CAPTURE:
+            self.capture_until = self.now + 1000 * machine.capture
+        elif command == Command.CLEAR:
+            self.guard_causes = 0
+        if self.forgetful:
+            machine.tables[1 - machine.bank][_RADIAL][100] |= 1
+        if self.registers["mode"] == Mode.STOP:
+            self._hand_over()
+        return reply[3], reply[4:]

@@ -12,6 +12,7 @@ from hdl.common.sram import SRAMPins, SRAMPort
 from hdl.common.stage import Stage
 from hdl.paper_points import REMAP_BASE, PaperPoints
 from hdl.payloads import Counts, FrameInfo, GreyPixel, MemoryCommand, Point
+from hdl.protocol import TABLES
 from model.link.points import POINT
 from model.preprocessing.remap import pack_remap
 from scripts.paths import ROOT
@@ -153,16 +154,14 @@ class PaperBench:
         block.reset()
         block.set(bank=1, **{name: value for name, value in settings.registers().items()
                              if name in PaperPoints.registers})
-        table = pack_remap(settings.remap)
+        remap = pack_remap(settings.remap)
         self._load(kind=_MEMORY, memory_write=1, memory_lanes=0b1111,
-                   memory_address=REMAP_BASE + np.arange(len(table)), memory_data=table)
-        for select, words in enumerate((settings.depth, settings.reciprocal, settings.radial)):
-            self._load(kind=_TABLE, table_select=select, table_address=np.arange(len(words)),
+                   memory_address=REMAP_BASE + np.arange(len(remap)), memory_data=remap)
+        tables = settings.tables()
+        for table in TABLES:
+            words = tables[table.name]
+            self._load(kind=_TABLE, table_select=table.number, table_address=np.arange(len(words)),
                        table_word=np.array(words, object))
-        beams = [line | window << 36
-                 for line, window in zip(settings.line, settings.window, strict=True)]
-        self._load(kind=_TABLE, table_select=3, table_address=np.arange(len(beams)),
-                   table_word=np.array(beams, object))
         block.set(bank=0)
 
     def _load(self, table_word=None, **fields):

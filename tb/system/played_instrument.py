@@ -45,7 +45,7 @@ class PlayedInstrument:
         self.noise, self.deaf, self.damaging, self.mute = 0.0, 0, 0, 0
         self._played = []  # of every frame: the number of the pattern, None for a texture
         self._patterns = 0
-        self._heard, self._told, self._rng = b"", b"", np.random.default_rng(1)
+        self._incoming, self._outgoing, self._rng = b"", b"", np.random.default_rng(1)
 
     def pattern(self, number):
         """Which of the images frame ``number`` is; the chip counts all that the imager sent."""
@@ -53,9 +53,9 @@ class PlayedInstrument:
 
     def send(self, octets):
         """Octets from the host."""
-        *pieces, self._heard = (self._heard + octets).split(b"\0")
+        *pieces, self._incoming = (self._incoming + octets).split(b"\0")
         for piece in filter(None, pieces):
-            self._hear(piece)
+            self._take(piece)
 
     def receive(self):
         """Octets for the host."""
@@ -75,7 +75,7 @@ class PlayedInstrument:
         self._patterns += 1
         return self.shown[self._played[-1]]
 
-    def _hear(self, piece):
+    def _take(self, piece):
         """A packet from the host, without its delimiters."""
         if self.deaf:
             self.deaf -= 1
@@ -86,7 +86,7 @@ class PlayedInstrument:
         self.instrument.send(b"\0" + piece + b"\0")
 
     def _without_some(self, octets):
-        *pieces, self._told = (self._told + octets).split(b"\0")
+        *pieces, self._outgoing = (self._outgoing + octets).split(b"\0")
         kept = b""
         for piece in filter(None, pieces):
             if self.mute:
@@ -94,5 +94,5 @@ class PlayedInstrument:
             else:
                 kept += b"\0" + piece + b"\0"
         if not self.mute:
-            kept, self._told = kept + self._told, b""
+            kept, self._outgoing = kept + self._outgoing, b""
         return kept

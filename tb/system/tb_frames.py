@@ -6,6 +6,7 @@ import time
 import cocotb
 from cocotb.triggers import ClockCycles, RisingEdge, ValueChange
 
+from hdl.protocol import TABLES
 from scripts.host.decoder import Decoder
 from tb.harness import parameters
 
@@ -30,12 +31,14 @@ class Rig:
         await ClockCycles(dut.clk, 4)
         dut.rst.value = 0
         await ClockCycles(dut.clk, 4)
-        for memory, address, word in settings.table_words():
-            dut.table_write.value = 1
-            dut.table_select.value = memory
-            dut.table_address.value = address
-            dut.table_data.value = word
-            await RisingEdge(dut.clk)
+        tables = settings.tables()
+        dut.table_write.value = 1
+        for table in TABLES:
+            dut.table_select.value = table.number
+            for address, word in enumerate(tables[table.name]):
+                dut.table_address.value = address
+                dut.table_data.value = word
+                await RisingEdge(dut.clk)
         dut.table_write.value = 0
         dut.bank.value = 1
         cocotb.start_soon(self._listen())

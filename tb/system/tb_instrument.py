@@ -7,7 +7,6 @@ import cocotb
 from cocotb.triggers import ClockCycles, RisingEdge, ValueChange
 
 from hdl.protocol import TABLES, Command
-from model.settings import table_contents
 from scripts.host.chip import REGISTERS, table_octets
 from scripts.host.decoder import Decoder, Frame, Reply
 from scripts.host.framing import frame_packet
@@ -79,7 +78,7 @@ class Rig:
         """All tables and registers, and start."""
         settings, width, height, beams = (
             self.case[name] for name in ("settings", "width", "height", "beams"))
-        words = table_contents(settings)
+        words = settings.tables()
         await self.ask(Command.BEGIN, width.to_bytes(2, "little") + height.to_bytes(2, "little")
                        + bytes([beams, 1]))
         for table in TABLES:

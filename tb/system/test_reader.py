@@ -332,7 +332,7 @@ def test_other_chips_are_refused(beams, size, versions, sentence, rig, tmp_path,
     with Terminal(fake, speed=8.0) as terminal:
         assert run("load", terminal.path, rig[1], "--start") == 2
         assert said(capsys) == sentence
-        assert fake.registers["mode"] == Mode.STOP and not fake._begun
+        assert fake.registers["mode"] == Mode.STOP and not fake.machine.begun
         assert run("receive", terminal.path, "--calibration", rig[1], "-o", tmp_path / "out") == 2
         assert said(capsys) == sentence
     assert list(tmp_path.iterdir()) == []
@@ -380,7 +380,7 @@ def test_a_lost_command_or_answer_is_sent_again(kind, fault, at, rig):
     calibration, _ = rig
     with INSTRUMENTS[kind](calibration, images()) as terminal:
         instrument, count = terminal.instrument, 0
-        hear = instrument._hear
+        hear = instrument._take
 
         def counted(content):
             nonlocal count
@@ -389,7 +389,7 @@ def test_a_lost_command_or_answer_is_sent_again(kind, fault, at, rig):
             count += 1
             hear(content)
 
-        instrument._hear = counted
+        instrument._take = counted
         from scripts.host.loading import load
         with commands(terminal, timeout=0.08 if kind == "fake" else 0.5, patience=5.0) as asking:
             load(asking, calibration)

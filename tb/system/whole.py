@@ -6,7 +6,6 @@ from hdl.paper_points import REMAP_BASE
 from hdl.protocol import REMAP
 from model.capsule import Capsule as Model
 from model.preprocessing.remap import pack_remap
-from model.settings import table_contents
 from scripts.host.chip import Commands
 from scripts.host.decoder import Decoder, Frame, TextureFrame
 from scripts.host.loading import signed
@@ -89,7 +88,7 @@ class Whole:
 
         Those that have one bank cannot be written while frames pass.
         """
-        config, words = self.config, table_contents(settings)
+        config, words = self.config, settings.tables()
         sent = damage(words) if damage else words
         self.commands.begin(config.width, config.height, config.beams)
         for table, first, some in self.commands.chunks(sent):

@@ -75,7 +75,7 @@ module frame_memory_rig #(
     reg good = 0;  // the frame that ends now is whole
     reg begun = 0;  // ... has a pixel
     wire [15:0] current = number + 16'd1;
-    wire [31:0] strange = {20'd0, dice[19:8]} % (2 * PIXELS);
+    wire [31:0] strange = {20'd0, dice[19:8]} % (2 * PIXELS + 1);
     reg [31:0] tail = 2000;  // clocks that the reader goes on
     reg done = 0;
 

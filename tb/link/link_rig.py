@@ -13,7 +13,8 @@ __all__ = ["LinkRig"]
 
 
 class LinkRig(wiring.Component):
-    """Joins the blocks as the chip does; texture frames come as pixels."""
+    """Joins the blocks as the chip does; texture frames come as pixels. ``more``: points will come,
+    though none is there yet."""
 
     def __init__(self, width, height):
         self.size = width, height
@@ -24,6 +25,7 @@ class LinkRig(wiring.Component):
             "counts": In(stream.Signature(Counts)),
             "info": In(stream.Signature(FrameInfo)),
             "replies": In(stream.Signature(PacketOctet)),
+            "more": In(1),
             "full_records": In(1),
             "divisor": In(16),
             "cts": In(1),
@@ -50,7 +52,7 @@ class LinkRig(wiring.Component):
             gate.tag.eq(self.tag),
             points.full_records.eq(self.full_records),
             transmitter.texture_enable.eq(1),
-            transmitter.more.eq(self.points.valid),
+            transmitter.more.eq(self.points.valid | self.more),
             transmitter.divisor.eq(self.divisor),
             transmitter.cts.eq(self.cts),
             self.tx.eq(transmitter.tx),

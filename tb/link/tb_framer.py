@@ -1,6 +1,7 @@
 """Bench of the framer: numbers, checks, zeros, pauses; its octets equal the model's."""
 
 import random
+import zlib
 
 import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
@@ -51,6 +52,25 @@ async def packets_match_model(dut, gap, stall):
     await ClockCycles(dut.clk, 200)
     assert not bench.o.words and not dut.busy.value
     assert dut.packets.value == len(contents)
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
+async def checks_with_zeros(dut):
+    """A check may hold zeros, which COBS takes away: in each of its octets, and in several."""
+    rng = random.Random(f"{SEED} zeros")
+    bench = make(dut)
+    await bench.reset()
+    contents = []
+    for zeros in ((0,), (1,), (2,), (3,), (2, 3), (0, 3)):
+        while True:
+            content = random_content(rng, 9)
+            numbered = content[:1] + bytes([len(contents)]) + content[1:]
+            octets = zlib.crc32(numbered).to_bytes(4, "little")
+            if not any(octets[at] for at in zeros):
+                break
+        contents.append(content)
+        bench.i.append(words(content))
+    await check(bench, contents)
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")

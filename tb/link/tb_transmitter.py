@@ -135,3 +135,21 @@ async def points_wait_for_one_packet_at_most(dut):
     later = [clock for clock, _ in sent[:at] if clock >= ready]
     assert len(later) <= 2, (ready, later)  # one assembled, one chosen
     assert at and sent[at - 1][1][0] == 0x58 == sent[at + 1][1][0]
+
+
+@cocotb.test(timeout_time=20, timeout_unit="ms")
+async def texture_waits_while_points_are_due(dut):
+    """With ``more`` high no texture packet begins, though no point is there yet."""
+    np_rng = np.random.default_rng(SEED)
+    bench = Bench(dut, inputs=INPUTS, outputs=(), seed=SEED, plain={
+        "tag": 1, "full_records": 0, "divisor": DIVISOR, "cts": 1, "more": 1})
+    await bench.reset()
+    line = Line(bench)
+    for _ in range(2):
+        await bench.pixels.send([int(word[0]) for word in grey_words(
+            np_rng.integers(1, 256, (HEIGHT, WIDTH)).astype(np.uint8))])
+    await ClockCycles(dut.clk, 3000 * DIVISOR)
+    assert 0x58 not in [content[0] for _, content in contents_of(*line.octets(DIVISOR))]
+    dut.more.value = 0
+    await all_sent(bench)
+    assert 0x58 in [content[0] for _, content in contents_of(*line.octets(DIVISOR))]

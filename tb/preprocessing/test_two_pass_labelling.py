@@ -306,6 +306,25 @@ def test_broken_frames(size, gap, stall, traffic, seed):
     clean(dut)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_broken_frames_drop_nothing(seed):
+    """With too few labels a whole frame counts what it leaves out; a broken one counts nothing."""
+    rng = np.random.default_rng(seed)
+    size, labels, count = (16, 16), 4, 40
+    lit = rng.random((count, *size)) < 0.2
+    core = cores(lit, seed)
+    cuts = np.where(rng.random(count) < 0.5, rng.integers(100, 256, count), -1)
+    dut = started(size, labels)
+    for index, (words, cut) in enumerate(zip(beats(lit, core), cuts, strict=True)):
+        sent = words if cut < 0 else np.concatenate([words[:cut], BROKEN])
+        out = dut.stream(sent, seed=index, idle=worst_clocks(size, labels))
+        (spots, broken), = frames_of(out.fields(Spot))
+        want, dropped = label_in_two_passes(lit[index], core[index], labels)
+        assert broken == (cut >= 0) and dropped > 0
+        compare(spots, want[:0] if broken else want, f"frame {index}")
+        assert dut.get("dropped") == (0 if broken else dropped), f"frame {index}"
+
+
 def test_reset_forgets():
     """In whatever state it comes: while pixels come, labels resolve, the image is read."""
     rng = np.random.default_rng(10)

@@ -13,6 +13,7 @@ from model.capsule import Capsule as Model
 from model.paper import Paper
 from scripts.host.chip import REGISTERS, RefusedError
 from scripts.host.framing import frame_packet
+from scripts.host.loading import stop
 from scripts.host.recorder import Recorder, Texture
 from tb.system.played_instrument import SMALL
 from tb.system.stimuli import any_settings, random_frame, spot_frame
@@ -159,6 +160,37 @@ def test_bad_sync_costs_one_frame(fault):
     assert bench.commands.status()["bad_sync"] == 1
     # What the model says of these images, at the level that the chip had learnt before.
     assert len(later) >= 3 and all(frame.verified for frame in later)
+
+
+def test_broken_frames_alone_lose_the_laser():
+    """Frames that all lose synchronism are no heartbeat: the light ends before the next is due."""
+    bench = Whole(SMALL, small(6), spots(6), mode=Mode.CONTINUOUS, line_blanking=4)
+    bench.run(4 * PERIOD_US)
+    since = bench.now_us
+    while bench.now_us < since + 6 * PERIOD_US:
+        bench.instrument.short_row(30, 3)
+        bench.run(500)
+    status = bench.commands.status()
+    assert not status["state"].armed
+    assert status["guard_causes"] == 1 << GUARD_CAUSES.index("heartbeat")
+    last = bench.instrument.pulses[-1, 0] * 1e6 / SMALL.clock_hz
+    assert last < since + 2 * PERIOD_US
+    bench.assert_light_is_safe()
+
+
+def test_new_speed_of_the_line():
+    """The reply to a new divisor comes whole at the old speed; what follows at the new one."""
+    bench = Whole(SMALL, small(7), spots(7), mode=Mode.CONTINUOUS)
+    bench.run(3 * PERIOD_US)
+    stop(bench.commands)
+    bench.run(PERIOD_US)
+    bench.take()
+    before = len(bench.line.record)
+    divisor = bench.commands.read("divisor")
+    bench.commands.write("divisor", 2 * divisor)
+    assert not bench.instrument.framing_errors and len(bench.line.record) > before
+    bench.run(1000)
+    bench.assert_link_is_clean()
 
 
 def test_no_tables_no_light():

@@ -1,4 +1,4 @@
-"""The imager model: pictures as good as the simulator's, and wrong ones for wrong sequences."""
+"""The imager model: images like those of the renderer, and wrong ones for wrong sequences."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def flat(visible=0.01, infrared=0.1, shape=(4, 5)):
 
 
 def looks_at(name, seed, noise=True):
-    """A rig, a polyp, an imager that looks at it, and the truth."""
+    """A rig, a polyp, an imager in front of it, and the truth."""
     rig = RIGS[name]
     scene = scenes.sequence("polyp", rig, 3, np.random.default_rng(seed))[1]
     truth = light(rig, scene, np.random.default_rng([seed, 0]))[1]
@@ -48,8 +48,8 @@ def test_pattern_is_as_good_as_the_simulators(seed):
     assert np.median(errors[0]) < 1.2 * np.median(errors[1]) + 0.005
     bright = truth[truth["inside"] & (truth["peak"] > 100)]
     for beam in bright:
-        place = int(round(beam["v_px"])), int(round(beam["u_px"]))
-        assert abs(float(mine[place]) - float(other[place])) < 25
+        pixel = int(round(beam["v_px"])), int(round(beam["u_px"]))
+        assert abs(float(mine[pixel]) - float(other[pixel])) < 25
 
 
 @SIZES

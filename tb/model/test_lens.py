@@ -30,9 +30,9 @@ def test_lens_that_folds_is_refused(focal, k1, k2, folds):
     lens = Lens(352, 288, focal, 175.5, 143.5, k1, k2)
     # The same question, answered by walking from the principal point to the farthest corner.
     radius = np.linspace(0, 3, 300001)
-    seen = radius * (1 + k1 * radius**2 + k2 * radius**4)
-    turn = np.flatnonzero(np.diff(seen) <= 0)
-    reach = seen[turn[0]] if len(turn) else np.inf
+    distorted = radius * (1 + k1 * radius**2 + k2 * radius**4)
+    turn = np.flatnonzero(np.diff(distorted) <= 0)
+    reach = distorted[turn[0]] if len(turn) else np.inf
     assert (reach < np.hypot(176, 144) / focal) == folds
     assert lens.folds() == folds
     if folds:

@@ -34,7 +34,7 @@ def test_table_is_opencvs(name):
         np.array([[lens.focal, 0, (lens.width - 1) / 2 + lens.principal_x],
                   [0, lens.focal, (lens.height - 1) / 2 + lens.principal_y], [0, 0, 1]]),
         size, cv2.CV_32FC1)
-    u, v = (np.floor(place + 0.5).astype(int) for place in maps)
+    u, v = (np.floor(axis + 0.5).astype(int) for axis in maps)
     inside = (u >= 0) & (u < lens.width) & (v >= 0) & (v < lens.height)
     table = np.reshape(remap_table(lens), (lens.height, lens.width))
     assert np.count_nonzero(np.where(inside, v * lens.width + u, OUTSIDE) != table) <= 8
@@ -59,8 +59,8 @@ def test_words_tell_the_places(name):
     words = pack_remap(table)
     first = words & 0x3FFFF
     second = first + ((words >> 18 & 0xFFF) ^ 0x800) - 0x800
-    first, second = (np.where(words >> bit & 1, OUTSIDE, place)
-                     for bit, place in ((30, first), (31, second)))
+    first, second = (np.where(words >> bit & 1, OUTSIDE, pixel)
+                     for bit, pixel in ((30, first), (31, second)))
     assert np.array_equal(np.stack([first, second], axis=-1).ravel(), table)
     assert words.max() < 1 << 32
 

@@ -45,14 +45,14 @@ def test_photographs_show_the_board_where_the_pose_says(rig):
     corners, half = [], 5 if rig.camera.width > 64 else 3
     for number in range(5):
         image, pose = board.photograph(rig, number, np.random.default_rng(number))
-        found, seen = cv2.findChessboardCorners(image, (rig.board.columns, rig.board.rows))
+        found, corners_px = cv2.findChessboardCorners(image, (rig.board.columns, rig.board.rows))
         assert found
-        seen = cv2.cornerSubPix(image, seen.reshape(-1, 1, 2), (half, half), (-1, -1), (
+        corners_px = cv2.cornerSubPix(image, corners_px.reshape(-1, 1, 2), (half, half), (-1, -1), (
             cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4))[:, 0]
         expected = pose.corners(rig)
-        offset = seen[:, None] - expected
-        offset = offset[np.arange(len(seen)), np.linalg.norm(offset, axis=-1).argmin(axis=1)]
-        # Single corners are as exact as OpenCV finds them; a picture that is shifted is not.
+        offset = corners_px[:, None] - expected
+        offset = offset[np.arange(len(corners_px)), np.linalg.norm(offset, axis=-1).argmin(axis=1)]
+        # Single corners have the errors of OpenCV, the whole image must not be shifted.
         assert np.sqrt(np.mean(offset**2)) < (0.1 if rig.camera.width > 64 else 0.25)
         assert (np.abs(offset.mean(axis=0)) < (0.03 if rig.camera.width > 64 else 0.1)).all()
         corners.append(expected)

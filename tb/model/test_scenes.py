@@ -67,7 +67,7 @@ def test_beams_end_on_the_first_surface_that_they_meet(rig, kind):
         along = np.linspace(0, 0.999, 1500)[:, None, None]
         assert (scene.clearance(base + along * (points - base)) > 0).all()
         np.testing.assert_allclose(np.cross(points - base, directions[hit]), 0, atol=1e-6)
-        # What the camera sees is met by nothing on its way either; what it does not see is.
+        # Nothing lies between the camera and a visible spot; something does before a hidden one.
         free = (scene.clearance(along * points) > -1e-9).all(axis=(0))
         assert (free >= truth["visible"][hit]).all()
         assert not truth["visible"][~hit].any() and not truth["inside"][~truth["visible"]].any()
@@ -77,7 +77,7 @@ def test_beams_end_on_the_first_surface_that_they_meet(rig, kind):
     assert np.mean(share) > 0.9
 
 
-def test_hidden_spots_are_not_seen():
+def test_hidden_spots_are_not_visible():
     wall = scenes.Plane(100.0)
     clear, _, _ = spots.trace(ENDOSCOPE, wall)
     # A small ball on the camera's line of sight to the middle spot, beside every beam.

@@ -11,7 +11,7 @@ from tb.model.truth import ENDOSCOPE, uv, xyz
 
 
 def moments(image):
-    """Sum, centroid and covariance of a picture."""
+    """Sum, centroid and covariance of an image."""
     v, u = np.mgrid[:image.shape[0], :image.shape[1]]
     total = image.sum()
     centre = np.array([(image * u).sum(), (image * v).sum()]) / total

@@ -20,7 +20,7 @@ def settings_of(tables):
     return Settings(**{name: tables[name] for name in FIELDS})
 
 
-def places(width, height, seed, count=900):
+def positions(width, height, seed, count=900):
     """Centres all over the image, its corners and borders among them, Q9.9."""
     rng = np.random.default_rng(seed)
     u = rng.integers(0, (width - 1) * 512 + 1, count)
@@ -32,7 +32,7 @@ def places(width, height, seed, count=900):
 
 
 def exact(u, v, lens, width, height):
-    """Undistorted places about the image centre in float, and the gain there."""
+    """Undistorted positions about the image centre in float, and the gain there."""
     focal, cx, cy, *distortion = lens
     x, y = oracle.undistort((u / 512 - cx) / focal, (v / 512 - cy) / focal, *distortion)
     return (x * focal + cx - (width - 1) / 2, y * focal + cy - (height - 1) / 2,
@@ -66,7 +66,7 @@ def test_against_float(tangential, gain, rounds, seed):
             continue
         if tables["worst_gain"] > gain:
             continue
-        u, v = places(*size, number)
+        u, v = positions(*size, number)
         x, y, ok = undistort(u, v, settings_of(tables), *size, rounds)
         wanted_x, wanted_y, _ = exact(u, v, lens, *size)
         assert not np.isnan(wanted_x).any(), "a lens that folds in the image was not refused"
@@ -95,7 +95,7 @@ def test_widest_lens(size, k1, k2):
             pass
     lens = (focal, *centre, k1, k2, 0, 0)
     tables = build(*lens, *size)
-    u, v = places(*size, 1, 5000)
+    u, v = positions(*size, 1, 5000)
     x, y, ok = undistort(u, v, settings_of(tables), *size)
     wanted_x, wanted_y, gain = exact(u, v, lens, *size)
     error = np.hypot(x / 512 - wanted_x, y / 512 - wanted_y)[ok].max()
@@ -109,10 +109,10 @@ def test_oracle_is_opencv():
     rng = np.random.default_rng(1)
     distortion = (-0.2, 0.05, 0.002, -0.003)
     xy = rng.uniform(-0.6, 0.6, (500, 2))
-    seen = cv2.projectPoints(
+    image = cv2.projectPoints(
         np.c_[xy, np.ones(500)], np.zeros(3), np.zeros(3), np.eye(3), np.array(distortion))[0][:, 0]
-    np.testing.assert_allclose(np.stack(oracle.distort(*xy.T, *distortion), 1), seen, atol=1e-12)
-    np.testing.assert_allclose(np.stack(oracle.undistort(*seen.T, *distortion), 1), xy, atol=1e-9)
+    np.testing.assert_allclose(np.stack(oracle.distort(*xy.T, *distortion), 1), image, atol=1e-12)
+    np.testing.assert_allclose(np.stack(oracle.undistort(*image.T, *distortion), 1), xy, atol=1e-9)
 
 
 def test_oracle_knows_the_fold():
@@ -129,7 +129,7 @@ def test_oracle_knows_the_fold():
 def test_reported_error_is_true():
     lens = (330, 178, 140, -0.3, 0.03, 0.001, -0.001)
     tables = build(*lens, 352, 288)
-    u, v = places(352, 288, 3, 20_000)
+    u, v = positions(352, 288, 3, 20_000)
     x, y, ok = undistort(u, v, settings_of(tables), 352, 288)
     wanted_x, wanted_y, gain = exact(u, v, lens, 352, 288)
     error = np.hypot(x / 512 - wanted_x, y / 512 - wanted_y)[ok].max()
@@ -148,14 +148,14 @@ def test_registers_and_words():
 
 def test_no_distortion():
     tables = build(300, 175.5, 143.5, 0, 0, 0, 0, 352, 288)
-    u, v = places(352, 288, 1)
+    u, v = positions(352, 288, 1)
     x, y, ok = undistort(u, v, settings_of(tables), 352, 288)
     assert ok.all()
     assert np.abs(x - (u - 175.5 * 512)).max() <= 1 and np.abs(y - (v - 143.5 * 512)).max() <= 1
 
 
 def test_outside_is_rejected():
-    """A place whose undistorted one lies beyond 256 px, and one beyond the table."""
+    """A position whose undistorted one lies beyond 256 px, and one beyond the table."""
     settings = settings_of(build(280, 175.5, 143.5, -0.2, 0, 0, 0, 352, 288))
     _, _, ok = undistort([0, 20 * 512], [143 * 512] * 2, settings, 352, 288)
     assert ok.tolist() == [True, True]

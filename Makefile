@@ -42,7 +42,8 @@ crossings: setup ## list every path between clock domains, from the netlist
 	$(BIN)/python -m scripts.rtl.crossings
 
 synth-export: setup ## write Verilog, VHDL, tables and vendor projects to build/export
-	$(BIN)/python -m scripts.rtl.export
+	rm -rf build/export
+	$(BIN)/cyclope export build/export
 
 clean: ## remove what was built; .venv stays
 	@[ ! -x $(BIN)/python ] || rm -rf "$$($(BIN)/python -m scripts.paths)"

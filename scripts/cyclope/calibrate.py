@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from model.errors import UserError
+from scripts.cyclope.extras import require
 
 __all__ = ["add_arguments", "main"]
 
@@ -83,6 +84,7 @@ def _settings(arguments):
 
 def main(arguments):
     """Run with parsed arguments; gives the exit status."""
+    require("calibration", "`cyclope calibrate`")
     from rich import progress
     from rich.console import Console
 

@@ -26,6 +26,7 @@ COMMANDS = {
     "load": "load a calibration into the chip, start and stop it",
     "receive": "receive from the chip: points, textures, a recording",
     "status": "what the chip is and does, all its counters",
+    "export": "write the design for other tools: Verilog, VHDL, vendor projects",
 }
 _SHELLS = ("bash", "zsh", "tcsh")
 _EPILOG = """\

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from model.errors import UserError
+from scripts.cyclope.extras import require
 
 __all__ = ["add_arguments", "main"]
 
@@ -32,6 +33,7 @@ def main(arguments):
         raise UserError(f"--scenes must be 1 to 1000, not {arguments.scenes}.")
     if arguments.output.exists():
         raise UserError(f"{arguments.output} is there already: name another file, or delete it.")
+    require("rtl", "`cyclope emulate`")
     from model.optics.rigs import RIGS
     from scripts.simulation.emulator import Emulator
     from scripts.simulation.terminal import Terminal

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from model.errors import UserError
+from scripts.cyclope.extras import require
 from scripts.results.frames import check_images, find_frames
 from scripts.results.measure import measure
 
@@ -141,6 +142,10 @@ def _report(console, frames, accuracy, limit=None):
 
 def main(arguments):
     """Run with parsed arguments; gives the exit status."""
+    if arguments.engine == "rtl":
+        require("rtl", "`cyclope run`", ", or use --engine model")
+    elif arguments.pictures:
+        require("calibration", "Plotting", ", or use --no-pictures")
     run(arguments.frames, arguments.calibration, arguments.output, arguments.engine,
         independent=arguments.independent, pictures=arguments.pictures, level=arguments.level)
     return 0

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from model.errors import UserError
+from scripts.cyclope.extras import require
 
 __all__ = ["KINDS", "RIGS", "add_arguments", "main"]
 
@@ -63,6 +64,7 @@ def main(arguments):
     if not 1 <= arguments.frames <= _MOST_FRAMES:
         raise UserError(f"--frames must be 1 to {_MOST_FRAMES}, not {arguments.frames}.")
 
+    require("calibration", "`cyclope simulate`")
     from scripts.results.outputs import check_folder, new_folder
     check_folder(arguments.output)
 

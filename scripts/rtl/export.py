@@ -1,16 +1,12 @@
 """Writes every block and the top for other tools: Verilog, VHDL twins, tables, vendor projects.
 
-All of it goes to ``build/export``: ``verilog/`` holds a file a block, with port names that VHDL
+In the folder, ``verilog/`` holds a file a block, with port names that VHDL
 can also spell, ``vhdl/`` the hand-written twins, ``memory/`` what memories hold at power-up,
 ``tables/`` what a calibration loads, ``PORTS.md`` and ``MEMORIES.md`` the tables, and ``ise/``,
-``vivado/`` and ``libero/`` a project of the whole design each. A folder that exists is replaced
-once the new one is complete.
+``vivado/`` and ``libero/`` a project of the whole design each.
 """
 
-import argparse
 import shutil
-import sys
-from pathlib import Path
 
 from amaranth.hdl import Shape
 from amaranth.lib import data
@@ -18,16 +14,12 @@ from amaranth.lib import data
 from hdl.config import PRESETS
 from hdl.export import flat_ports
 from hdl.protocol import REMAP, tables
-from model.errors import UserError
-from scripts import paths
-from scripts.paths import ROOT
 from scripts.rtl.blocks import TOP, present
 from scripts.rtl.vendor_projects import ISE, LIBERO, VIVADO, edalize_project, libero_project
 from scripts.rtl.verilog import memories, ports, verilog
 
 __all__ = ["export"]
 
-BUILD = paths.BUILD / "export"
 README = """\
 # {name}, exported
 
@@ -144,79 +136,43 @@ def write_tables(folder, settings):
     (folder / "REGISTERS.md").write_text("\n".join(["# Registers", "", *lines, ""]))
 
 
-def export(folder=BUILD, progress=lambda block: None, settings=None):
+def export(folder, progress=lambda block: None, settings=None):
     """Write all of it to ``folder`` and return the blocks that are in it.
 
     Parameters
     ----------
     folder : path
-        Where; what was there before is replaced at the end.
+        Where; a new or an empty folder.
     progress : callable
         Is told of each block when it is done.
     settings : :class:`model.settings.Settings`, optional
         What the chip is loaded with.
     """
     config = PRESETS["capsule"]
-    part = folder.with_name(folder.name + ".part")
-    shutil.rmtree(part, ignore_errors=True)
     for name in ("verilog", "vhdl", "memory"):
-        (part / name).mkdir(parents=True)
+        (folder / name).mkdir(parents=True)
     texts, held = [], []
     for block in present():
         component = block.component()
         text = verilog(component, block.name)
         texts.append((block, component, text))
-        (part / "verilog" / f"{block.name}.v").write_text(text)
+        (folder / "verilog" / f"{block.name}.v").write_text(text)
         if block.twin:
-            shutil.copy(block.twin, part / "vhdl")
+            shutil.copy(block.twin, folder / "vhdl")
         held.append((block, memories(text)))
         for memory in held[-1][1]:
             if any(memory.words):
-                (part / "memory" / memory.file_name).write_text(hexadecimal(memory))
+                (folder / "memory" / memory.file_name).write_text(hexadecimal(memory))
         progress(block)
-    (part / "PORTS.md").write_text(port_table(texts))
-    (part / "MEMORIES.md").write_text(memory_table(held))
-    (part / "README.md").write_text(README.format(
+    (folder / "PORTS.md").write_text(port_table(texts))
+    (folder / "MEMORIES.md").write_text(memory_table(held))
+    (folder / "README.md").write_text(README.format(
         name="Cyclope", top=TOP.name, width=config.width, height=config.height, beams=config.beams,
         lanes=config.lanes, ise=ISE, vivado=VIVADO, libero=LIBERO))
     if settings is not None:
-        write_tables(part / "tables", settings)
+        write_tables(folder / "tables", settings)
     if TOP.source.exists():
-        edalize_project(part / "ise", "ise", ISE)
-        edalize_project(part / "vivado", "vivado", VIVADO)
-        libero_project(part / "libero")
-    shutil.rmtree(folder, ignore_errors=True)
-    part.rename(folder)
+        edalize_project(folder / "ise", "ise", ISE)
+        edalize_project(folder / "vivado", "vivado", VIVADO)
+        libero_project(folder / "libero")
     return [block for block, _, _ in texts]
-
-
-def main(arguments=None):
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from calibration.file import load
-
-    parser = argparse.ArgumentParser(
-        prog="python -m scripts.rtl.export", description=__doc__.split("\n")[0])
-    parser.add_argument(
-        "--calibration", metavar="FILE", help="also write what this calibration loads")
-    options = parser.parse_args(arguments)
-    settings = None
-    if options.calibration:
-        try:
-            settings = load(Path(options.calibration)).settings
-        except UserError as error:
-            print(error, file=sys.stderr)
-            return 1
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("Export", total=len(present()))
-        blocks = export(
-            progress=lambda block: progress.advance(task), settings=settings)
-    twins = sum(block.twin is not None for block in blocks)
-    print(f"{len(blocks)} blocks, {twins} VHDL twins and the vendor projects are in "
-          f"{BUILD.relative_to(ROOT)}; its README.md tells what is what.")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

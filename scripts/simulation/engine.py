@@ -87,14 +87,20 @@ class ModelEngine(_Engine):
         return []
 
 
-def require_compiler():
-    """Raise :class:`UserError` if what builds the RTL is not there."""
+def require_compiler(otherwise=""):
+    """Raise :class:`UserError` if what builds the RTL is not there.
+
+    Parameters
+    ----------
+    otherwise : :class:`str`
+        What else the user can do, the end of the sentence.
+    """
     path = verilator_environment()["PATH"]
     for program, package in (("c++", "a C++ compiler (Debian: g++)"), ("make", "make"),
                              ("perl", "perl"), ("verilator", "Verilator 5.036 or newer")):
         if not shutil.which(program, path=path):
-            raise UserError(f"--engine rtl needs {package}, which is not installed; install it, "
-                            "or use --engine model, which gives identical points.")
+            raise UserError(f"The RTL is built with {package}, which is not installed: install "
+                            f"it{otherwise}.")
 
 
 def _design(config):
@@ -119,7 +125,7 @@ def _verilog(config):
 def _library(config):
     """Path of the shared library of the chip in ``config``; built if it is not there yet."""
     def verilog():
-        require_compiler()
+        require_compiler(", or use --engine model, which gives identical points")
         return _verilog(config)
 
     setters = " ".join(f"X({name})" for name in _design(config).registers)

@@ -20,7 +20,7 @@ from scripts.cyclope import cli
 from scripts.paths import ROOT
 from scripts.rtl import export, size
 from scripts.rtl.blocks import ASSEMBLIES, BLOCKS, TOP, VARIANTS, Block, find, present
-from scripts.rtl.verilog import Memory, memories, modules, ports, verilog
+from scripts.rtl.verilog import Memory, Port, memories, modules, ports, verilog
 from scripts.simulation.library import ZEROS
 from tb.hdlsim import WAIVERS, prepare_environment, require_ghdl
 
@@ -162,9 +162,9 @@ def test_twin_has_the_same_ports(exported, block):
         assert kind == ("std_logic_vector" if high else "std_logic")
         width = eval(high, {}, generics) + 1 if high else 1
         twin += [
-            export.Port(name.strip(), f"{direction}put", width) for name in names.split(",")]
+            Port(name.strip(), f"{direction}put", width) for name in names.split(",")]
     wanted = ports(text_of(exported, block), block.name)
-    clock = [export.Port("clk", "input", 1), export.Port("rst", "input", 1)]
+    clock = [Port("clk", "input", 1), Port("rst", "input", 1)]
     assert set(twin) == {*wanted, *clock}
 
     def members(names):

@@ -3,56 +3,55 @@
 from amaranth import *
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In, Out, connect, flipped
 
-from ..payloads import AREA_LIMIT, MaskPixel, MemoryCommand, Spot
-from .features import Features, merge, of_pixel
+from ..payloads import MaskPixel, MemoryCommand, Spot
+from .component_sums import ComponentSums
+from .label_joiner import LabelJoiner
 
 __all__ = ["TwoPassLabelling"]
 
 #: Half of a memory word: the label, and above it whether the pixel survived the erosion.
 _CORE = 15
-_SUM_BITS = 17  # 255 pixels times a row or column below 512
 
 
 class TwoPassLabelling(wiring.Component):
     """Finds the 8-connected components of lit pixels and sums up the features of each.
 
     Pass 1 gives each lit pixel the label of a neighbour that came before it, or a new one if it
-    has none, writes the labels to an image in external memory, and notes which labels meet. Then
-    the table of labels is resolved, pass 2 reads the image back and adds up the pixels of each
-    component, and the spots leave, in the order of their first pixels. All pixels weigh 1.
+    has none, writes the labels to an image in external memory, and joins labels that meet. Then
+    the labels are resolved, pass 2 reads the image back and adds up the pixels of each component,
+    and the spots leave, in the order of their first pixels. All pixels weigh 1.
 
-    **Limits.** A frame has ``labels`` provisional labels. Where a pixel needs a new one and there
-    is none left, its component is dropped: whole, also where it has labels from before or gets
-    them later. ``dropped`` counts the pixels that asked in vain, up to 65,535: at least one for
-    each component that was dropped, and just one for each that has no second start (a U has two).
-    Without them, the components are those of every other labelling. An area stops at
-    :data:`..payloads.AREA_LIMIT`.
+    **Limits.** A frame has ``labels`` provisional labels. If a pixel needs a new label and none is
+    left, its whole component is dropped, even if some of its pixels have a label. ``dropped``
+    counts the pixels that found no label, up to 65,535: at least one for each dropped component,
+    and exactly one if the component starts only once (a U starts twice). All other components are
+    those of any other labelling. An area stops at :data:`..payloads.AREA_LIMIT`.
 
-    **Clocks.** A frame takes ``2 width height + 3 n + overhead`` clocks from its first pixel to
-    its end marker, n being the labels that it used, if pixels and memory never let it wait, and no
-    spot is waited for::
+    **Clocks.** If pixels and memory never stall it, a frame takes ``2 width height + 3 n +
+    overhead`` clocks from its first pixel to its end marker, n being the number of labels that it
+    uses; spots that have to wait come on top::
 
         pass 1    width * height      a pixel a clock, a word of two labels every second clock
         resolve   2 n
         pass 2    width * height      a word every second clock
         report    n                   a label a clock; each spot makes interval - 1 clocks more
 
-    Joining two labels that meet takes three clocks, and one more for each step on the way to
-    their roots; pass 1 goes on meanwhile, and waits only where the next two labels meet before
-    those before them are being joined. On the worst image that we know, bands of a checkerboard,
-    that makes n clocks more. ``i.ready`` is low from a frame's last pixel until its end marker is
-    in the output register, and for a clock after that.
+    Labels are joined while pass 1 goes on, see :class:`.label_joiner.LabelJoiner`. Pass 1 stalls
+    only if two labels meet while the pair before still waits to be joined. On the worst image
+    that we know, bands of a checkerboard, that takes n clocks more. ``i.ready`` is low from a
+    frame's last pixel until its end marker is in the output register, and one clock longer.
 
     A ``broken`` beat discards the frame; its end marker follows at once, without spots. Reset
     discards everything.
 
-    **How.** Label 0 stands for all components that are dropped: a pixel that gets no label is a
-    pixel of label 0, and labels that meet it are joined to it as to any other. Labels are joined
-    by Rem's algorithm: in the table of parents nothing has a parent above itself; of two labels
-    the one with the higher parent is hung below the other's parent, and the walk goes on from the
-    parent that it had, until both walks meet. The root of a component is so its lowest label.
+    **How.** Label 0 stands for all components that are dropped: a pixel that finds no label gets
+    label 0, and labels that meet it are joined to it as to any other. The root of a component is
+    its lowest label, so components leave in the order of their first pixels.
+
+    Two blocks do the rest: :class:`.label_joiner.LabelJoiner` keeps the labels, and
+    :class:`.component_sums.ComponentSums` adds up pass 2.
 
     Paper, section on labelling: classical two-pass connected components.
 
@@ -66,8 +65,8 @@ class TwoPassLabelling(wiring.Component):
     base : :class:`int`
         First word of the image of labels; it takes half a word for each pixel.
     interval : :class:`int`
-        Least clocks from a spot to the next, 1 to 64. All spots of a frame leave at its end: what
-        is behind must be as fast as this, or have room for all of them, or let them wait.
+        Least clocks from a spot to the next, 1 to 64. All spots of a frame leave at its end: the
+        block behind must be as fast as this, or have room for all of them, or stall them.
 
     Members
     -------
@@ -76,7 +75,7 @@ class TwoPassLabelling(wiring.Component):
     o : :py:`Out(stream.Signature(Spot))`
         Components, and an ``end`` beat after each frame's last.
     dropped : :py:`Out(16)`
-        See above; of the frame whose end marker came last, from the clock of the marker on.
+        See above; of the frame whose end marker came last, valid with the marker.
     command : :py:`Out(stream.Signature(MemoryCommand))`
         Accesses to the image of labels.
     answer : :py:`In(stream.Signature(32, always_ready=True))`
@@ -84,9 +83,12 @@ class TwoPassLabelling(wiring.Component):
 
     Attributes
     ----------
+    latency : :class:`int`
+        Clocks from a frame's first pixel to its end marker if the frame has no label and nothing
+        stalls; labels and spots add to it as told above.
     overhead : :class:`int`
-        Clocks of a frame that depend on nothing, where the memory answers after two; a frame
-        without a label saves one of them.
+        Clocks of a frame that depend on nothing, with a memory that answers after two clocks; a
+        frame without a label saves one of them.
     """
 
     overhead = 13
@@ -105,6 +107,7 @@ class TwoPassLabelling(wiring.Component):
             raise ValueError(f"Interval must be an integer from 1 to 64, not {interval!r}")
         self.width, self.height = width, height
         self.labels, self.base, self.interval = labels, base, interval
+        self.latency = 2 * width * height + self.overhead - 1
         super().__init__({
             "i": In(stream.Signature(MaskPixel)),
             "o": Out(stream.Signature(Spot)),
@@ -115,150 +118,147 @@ class TwoPassLabelling(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-
-        words = (self.width * self.height + 1) // 2
-        Label = unsigned(self.labels.bit_length())
-        Above = data.StructLayout({"lit": 1, "label": Label})
-        Record = data.StructLayout({
-            "core": 1, "area": Features.as_shape()["area"].shape,
-            "sum_u": _SUM_BITS, "sum_v": _SUM_BITS})
-
-        def expanded(record):
-            fields = record.shape().members
-            return Features(Cat(
-                Cat(record[name] if name in fields else C(0, 0), C(0, field.width))[:field.width]
-                for name, field in Features.as_shape()))
-
-        m.submodules.parents = parents = Memory(shape=Label, depth=self.labels + 1, init=[])
-        m.submodules.records = records = Memory(shape=Record, depth=self.labels + 1, init=[])
-        m.submodules.row = row_above = Memory(shape=Above, depth=self.width, init=[])
-        parent_write, parent = parents.write_port(), parents.read_port()
-        record_write, record = records.write_port(), records.read_port()
-        row_write, above = row_above.write_port(), row_above.read_port()
-
-        column = Signal(range(self.width))
-        row = Signal(range(max(2, self.height)))  # Verilog has no signals without bits
-        used = Signal(Label)  # labels that were given
-        label = Signal(range(self.labels + 2))  # where resolving and reporting have come to
-        beyond = Signal()
-        word = Signal(range(words))
-        all_words = Signal()
-        command = Signal(MemoryCommand, reset_less=True)
-        command_free = Signal()
+        m.submodules.label_joiner = joiner = LabelJoiner(self.labels)
+        m.submodules.component_sums = sums = ComponentSums(
+            self.width, self.height, self.labels, self.interval)
         m.d.comb += [
-            beyond.eq(label > used),
-            self.command.p.eq(command),
-            command_free.eq(~self.command.valid | self.command.ready),
+            sums.empty.eq(joiner.allocate), sums.empty_label.eq(joiner.next_label),
+            sums.used.eq(joiner.used),
+            joiner.lookup.eq(sums.lookup), joiner.read.eq(sums.read), sums.root.eq(joiner.root),
         ]
+        connect(m, sums.o, flipped(self.o))
+
+        column = Signal(range(self.width))  # in pass 1, and again in pass 2
+        word = Signal(range((self.width * self.height + 1) // 2))
+        command = Signal(MemoryCommand, reset_less=True)
+        m.d.comb += self.command.p.eq(command)
         with m.If(self.command.ready):
             m.d.sync += self.command.valid.eq(0)
 
-        # Pass 1, stage 0: take a pixel, ask for what is above the next one.
+        taking = Signal()  # in pass 1
+        takes, broken = Signal(), Signal()
+        advance, stalled = Signal(), Signal()
         marker = self.i.p.marker
-        first_row = Signal(init=1)
-        open_ = Signal()  # in pass 1
-        go = Signal()
-        take = Signal()
-        broken = Signal()
         m.d.comb += [
-            self.i.ready.eq(open_ & go),
-            take.eq(self.i.valid & self.i.ready & ~marker.broken),
+            advance.eq(~stalled & (~joiner.pairs.valid | joiner.pairs.ready)),
+            self.i.ready.eq(taking & advance),
+            takes.eq(self.i.valid & self.i.ready & ~marker.broken),
             broken.eq(self.i.valid & self.i.ready & marker.broken),
-            above.addr.eq(Mux(marker.line_end, 0, column + 1)),
-            above.en.eq(go),
         ]
 
-        at = Signal()
-        lit = Signal(reset_less=True)
-        core = Signal(reset_less=True)
-        place = Signal.like(column, reset_less=True)
-        first = Signal(reset_less=True)
-        last = Signal(reset_less=True)
-        top = Signal(reset_less=True)
-        frame_end = Signal(reset_less=True)
-        with m.If(go):
+        restart = Signal()
+        lost = Signal()
+        missed = Signal(16)
+        valid_1, pixel_1, label_1 = self._label(
+            m, column, takes, advance, stalled, joiner, missed, restart)
+        self._write(m, valid_1, pixel_1, label_1, advance, stalled, word, command, restart)
+        with m.FSM() as course:
+            with m.State("START"):
+                m.d.comb += [restart.eq(1), joiner.clear.eq(1)]
+                m.d.sync += taking.eq(1)
+                m.next = "LABEL"
+            with m.State("LABEL"), m.If(broken | takes & marker.frame_end):
+                m.d.sync += [taking.eq(0), lost.eq(broken)]
+                m.next = "SETTLE"
+            with m.State("SETTLE"), m.If(~valid_1 & ~self.command.valid & joiner.settled):
+                m.d.comb += sums.cancel.eq(lost)
+                m.d.sync += [word.eq(0), column.eq(0)]
+                with m.If(lost):
+                    m.next = "REPORT"
+                with m.Else():
+                    m.next = "RESOLVE"
+            with m.State("RESOLVE"):
+                m.d.comb += joiner.resolve.eq(1)
+                with m.If(joiner.resolved):
+                    m.next = "READ"
+            with m.State("READ"), m.If(sums.i.valid & sums.i.p.last):
+                m.next = "REPORT"
+            with m.State("REPORT"), m.If(sums.done):
+                m.d.sync += self.dropped.eq(Mux(lost, 0, missed))
+                m.next = "START"
+        self._read(m, course.ongoing("READ"), column, word, command, sums.i, restart)
+        return m
+
+    def _label(self, m, column, takes, advance, stalled, joiner, missed, restart):
+        """Pass 1: the label of each pixel, in the clock after it was taken.
+
+        Neighbours are named by their position: north-west, north, north-east, west.
+        """
+        label = joiner.next_label.shape()
+        above = data.StructLayout({"lit": 1, "label": label})
+        m.submodules.row = row_above = Memory(shape=above, depth=self.width, init=[])
+        write, read = row_above.write_port(), row_above.read_port()
+        marker = self.i.p.marker
+        first_row = Signal(init=1)
+        valid_1 = Signal()
+        pixel_1 = Signal(data.StructLayout({
+            "lit": 1, "core": 1, "column": range(self.width), "first": 1, "last": 1, "top": 1,
+            "frame_end": 1}), reset_less=True)
+        m.d.comb += [read.addr.eq(Mux(marker.line_end, 0, column + 1)), read.en.eq(advance)]
+        with m.If(advance):
             m.d.sync += [
-                at.eq(take),
-                lit.eq(self.i.p.lit),
-                core.eq(self.i.p.core),
-                place.eq(column),
-                first.eq(column == 0),
-                last.eq(marker.line_end),
-                top.eq(first_row),
-                frame_end.eq(marker.frame_end),
+                valid_1.eq(takes), pixel_1.lit.eq(self.i.p.lit), pixel_1.core.eq(self.i.p.core),
+                pixel_1.column.eq(column), pixel_1.first.eq(column == 0),
+                pixel_1.last.eq(marker.line_end), pixel_1.top.eq(first_row),
+                pixel_1.frame_end.eq(marker.frame_end),
             ]
-        with m.If(take):
+        with m.If(takes):
             m.d.sync += column.eq(column + 1)
             with m.If(marker.line_end):
                 m.d.sync += [column.eq(0), first_row.eq(0)]
 
-        # Stage 1: label it. Names are the neighbour's place: north-west, north, north-east, west.
-        ne = above.data
-        n, nw, w = Signal(Above), Signal(Above), Signal(Above)
+        ne = read.data
+        n, nw, w = Signal(above), Signal(above), Signal(above)
         ne_lit, n_lit, nw_lit, w_lit = Signal(), Signal(), Signal(), Signal()
-        left = Signal(Label)
-        left_lit = Signal()
-        alone = Signal()
-        full = Signal()
-        given = Signal(Label)
-        new = Signal()
-        fresh = Signal(Label)
-        step = Signal()
+        left, left_lit = Signal(label), Signal()
+        alone, step = Signal(), Signal()
+        label_1 = Signal(label)
         m.d.comb += [
-            ne_lit.eq(ne.lit & ~top & ~last),
-            n_lit.eq(n.lit & ~top),
-            nw_lit.eq(nw.lit & ~top & ~first),
-            w_lit.eq(w.lit & ~first),
+            ne_lit.eq(ne.lit & ~pixel_1.top & ~pixel_1.last),
+            n_lit.eq(n.lit & ~pixel_1.top),
+            nw_lit.eq(nw.lit & ~pixel_1.top & ~pixel_1.first),
+            w_lit.eq(w.lit & ~pixel_1.first),
             left.eq(Mux(w_lit, w.label, nw.label)),
             left_lit.eq(w_lit | nw_lit),
-            alone.eq(lit & ~n_lit & ~ne_lit & ~left_lit),
-            full.eq(used == self.labels),
-            fresh.eq(used + 1),
-            new.eq(step & alone & ~full),
-            step.eq(at & go),
+            alone.eq(pixel_1.lit & ~n_lit & ~ne_lit & ~left_lit),
+            step.eq(valid_1 & advance),
+            joiner.allocate.eq(step & alone & ~joiner.full),
+            joiner.pairs.valid.eq(valid_1 & ~stalled & pixel_1.lit & ~n_lit & ne_lit & left_lit
+                                  & (left != ne.label)),
+            joiner.pairs.p.one.eq(ne.label),
+            joiner.pairs.p.other.eq(left),
+            write.addr.eq(pixel_1.column), write.en.eq(step),
+            write.data.lit.eq(pixel_1.lit), write.data.label.eq(label_1),
         ]
         with m.If(n_lit):
-            m.d.comb += given.eq(n.label)
+            m.d.comb += label_1.eq(n.label)
         with m.Elif(ne_lit):
-            m.d.comb += given.eq(ne.label)
+            m.d.comb += label_1.eq(ne.label)
         with m.Elif(left_lit):
-            m.d.comb += given.eq(left)
-        with m.Elif(~full):
-            m.d.comb += given.eq(fresh)
-        missed = Signal(16)
-        m.d.comb += [
-            row_write.addr.eq(place),
-            row_write.data.lit.eq(lit),
-            row_write.data.label.eq(given),
-            row_write.en.eq(step),
-        ]
+            m.d.comb += label_1.eq(left)
+        with m.Elif(~joiner.full):
+            m.d.comb += label_1.eq(joiner.next_label)
         with m.If(step):
-            m.d.sync += [
-                # At a line's end this is the current line's first pixel, north of the next.
-                n.eq(ne),
-                nw.eq(n),
-                w.lit.eq(lit),
-                w.label.eq(given),
-            ]
-            with m.If(alone & full & ~missed.all()):
+            # At a line's end this is the current line's first pixel, north of the next.
+            m.d.sync += [n.eq(ne), nw.eq(n), w.lit.eq(pixel_1.lit), w.label.eq(label_1)]
+            with m.If(alone & joiner.full & ~missed.all()):
                 m.d.sync += missed.eq(missed + 1)
-        with m.If(new):
-            m.d.sync += used.eq(fresh)
-            m.d.comb += [
-                parent_write.addr.eq(fresh), parent_write.data.eq(fresh), parent_write.en.eq(1),
-                record_write.addr.eq(fresh), record_write.data.eq(0), record_write.en.eq(1),
-            ]
+        with m.If(restart):
+            m.d.sync += [column.eq(0), first_row.eq(1), missed.eq(0)]
+        return valid_1, pixel_1, label_1
 
-        # ... and write it, two to a word.
-        odd = Signal()
-        ends_word = Signal()
+    def _write(self, m, valid_1, pixel_1, label_1, advance, stalled, word, command, restart):
+        """Pass 1: labelled pixels to the image of labels, two in a word."""
+        odd, ends_word = Signal(), Signal()
         half = Signal(16)
         low = Signal(16, reset_less=True)
         m.d.comb += [
-            ends_word.eq(odd | frame_end),
-            half.eq(Mux(lit, Cat(given, C(0, _CORE - len(given)), core), 0)),
+            ends_word.eq(odd | pixel_1.frame_end),
+            half.eq(Mux(
+                pixel_1.lit, Cat(label_1, C(0, _CORE - len(label_1)), pixel_1.core), 0)),
+            stalled.eq(valid_1 & ends_word & self.command.valid & ~self.command.ready),
         ]
-        with m.If(step):
+        with m.If(valid_1 & advance):
             m.d.sync += [odd.eq(~odd), low.eq(half)]
             with m.If(ends_word):
                 m.d.sync += [
@@ -269,211 +269,41 @@ class TwoPassLabelling(wiring.Component):
                     command.lanes.eq(0b1111),
                     word.eq(word + 1),
                 ]
+        with m.If(restart):
+            m.d.sync += [odd.eq(0), word.eq(0)]
 
-        # Labels that meet, one pair waiting, one being joined.
-        met = Signal()
-        waits = Signal()
-        ahead = Signal()
-        one, other = Signal(Label, reset_less=True), Signal(Label, reset_less=True)
-        m.d.comb += [
-            met.eq(lit & ~n_lit & ne_lit & left_lit & (left != ne.label)),
-            go.eq(~at | (command_free | ~ends_word) & (~waits | ahead | ~met)),
-        ]
-        with m.If(ahead):
-            m.d.sync += waits.eq(0)
-        with m.If(step & met):
-            m.d.sync += [waits.eq(1), one.eq(ne.label), other.eq(left)]
-
-        u, v, v_parent = (Signal(Label, reset_less=True) for _ in range(3))
-        u_parent = parent.data
-        with m.FSM(name="join") as join:
-            with m.State("IDLE"), m.If(waits):
-                m.d.comb += parent.addr.eq(other)
-                m.next = "SECOND"
-            with m.State("SECOND"):
-                m.d.sync += [u.eq(one), v.eq(other), v_parent.eq(parent.data)]
-                m.d.comb += [parent.addr.eq(one), ahead.eq(1)]
-                m.next = "STEP"
-            # A new label's entry goes first.
-            with m.State("STEP"):
-                m.d.comb += parent.en.eq(~new)
-                with m.If(new):
-                    pass
-                with m.Elif(u_parent == v_parent):
-                    m.d.comb += parent.addr.eq(other)
-                    with m.If(waits):
-                        m.next = "SECOND"
-                    with m.Else():
-                        m.next = "IDLE"
-                with m.Elif(u_parent > v_parent):
-                    m.d.comb += [
-                        parent_write.addr.eq(u), parent_write.data.eq(v_parent),
-                        parent_write.en.eq(1), parent.addr.eq(u_parent),
-                    ]
-                    m.d.sync += u.eq(u_parent)
-                    with m.If(u == u_parent):
-                        m.next = "IDLE"
-                with m.Else():
-                    m.d.comb += [
-                        parent_write.addr.eq(v), parent_write.data.eq(u_parent),
-                        parent_write.en.eq(1), parent.addr.eq(v_parent),
-                    ]
-                    m.d.sync += [u.eq(v_parent), v.eq(u), v_parent.eq(u_parent)]
-                    with m.If(v == v_parent):
-                        m.next = "IDLE"
-
-        # Pass 2: a label, its root, the root's record. What lies between two components is dark, so
-        # that a component's sums are back in the memory before they are asked for again, unless
-        # they still are in `sums`.
+    def _read(self, m, reading, column, word, command, pixels, restart):
+        """Pass 2: words of the image of labels to labelled pixels."""
+        words = (self.width * self.height + 1) // 2
+        row = Signal(range(max(2, self.height)))  # Verilog has no signals without bits
+        all_words = Signal()
         high = Signal(16, reset_less=True)
         holds_high = Signal()
-        entry = Signal(16)
-        got = Signal()
-        summed = Signal()
+        half = Signal(16)
         m.d.comb += [
-            entry.eq(Mux(holds_high, high, self.answer.p[:16])),
-            got.eq((self.answer.valid | holds_high) & ~summed),
+            half.eq(Mux(holds_high, high, self.answer.p[:16])),
+            pixels.valid.eq(reading & (self.answer.valid | holds_high)),
+            pixels.p.label.eq(half),
+            pixels.p.core.eq(half[_CORE]),
+            pixels.p.column.eq(column),
+            pixels.p.row.eq(row),
+            pixels.p.last.eq((column == self.width - 1) & (row == self.height - 1)),
         ]
-        b, c = Signal(), Signal()
-        b_core, c_core = Signal(reset_less=True), Signal(reset_less=True)
-        b_column, c_column = (Signal.like(column, reset_less=True) for _ in range(2))
-        b_row, c_row = (Signal.like(row, reset_less=True) for _ in range(2))
-        root = Signal(Label, reset_less=True)
-        m.d.sync += [
-            b.eq(0), b_core.eq(entry[_CORE]), b_column.eq(column), b_row.eq(row),
-            c.eq(b), c_core.eq(b_core), c_column.eq(b_column), c_row.eq(b_row),
-            root.eq(parent.data),
-        ]
-        owner = Signal(Label)
-        dirty = Signal()
-        sums = Signal(Record, reset_less=True)
-        so_far = Signal(Record)
-        total = Signal(Features)
-        adds = Signal()
-        m.d.comb += [
-            adds.eq(c & (root != 0)),
-            so_far.eq(Mux(root == owner, sums, record.data)),
-            total.eq(merge(expanded(so_far), of_pixel(c_core, C(1, 1), c_column, c_row))),
-        ]
-        with m.If(adds):
-            m.d.sync += owner.eq(root)
-            m.d.sync += [sums[name].eq(total[name]) for name in Record.members]
-
-        # The frame's course.
-        reports = Signal()
-        asked = Signal(Label, reset_less=True)
-        resolved = Signal()
-        lost = Signal()
-        moves = Signal()
-        pause = Signal(range(max(2, self.interval)))
-        m.d.comb += moves.eq((~self.o.valid | self.o.ready) & (pause == 0))
-        with m.If(pause != 0):
-            m.d.sync += pause.eq(pause - 1)
-        with m.If(self.o.ready):
-            m.d.sync += self.o.valid.eq(0)
-        spot = Signal(Spot, reset_less=True)
-        m.d.comb += self.o.p.eq(spot)
-        found = record.data
-        too_large = found.area[AREA_LIMIT.bit_length() - 1]
-
-        with m.FSM(name="course"):
-            with m.State("START"):
-                m.d.comb += [parent_write.addr.eq(0), parent_write.data.eq(0),
-                             parent_write.en.eq(1)]
+        with m.If(reading):
+            with m.If(~self.command.valid & ~all_words):
                 m.d.sync += [
-                    column.eq(0), first_row.eq(1), used.eq(0), missed.eq(0), odd.eq(0),
-                    word.eq(0), all_words.eq(0), lost.eq(0), open_.eq(1), label.eq(1),
-                    resolved.eq(0), summed.eq(0), holds_high.eq(0), owner.eq(0), dirty.eq(0),
-                    reports.eq(0), row.eq(0),
+                    self.command.valid.eq(1),
+                    command.write.eq(0),
+                    command.address.eq(self.base + word),
+                    word.eq(word + 1),
+                    all_words.eq(word == words - 1),
                 ]
-                m.next = "LABEL"
-
-            with m.State("LABEL"), m.If(broken | take & marker.frame_end):
-                m.d.sync += [open_.eq(0), lost.eq(broken)]
-                m.next = "SETTLE"
-
-            with m.State("SETTLE"), m.If(~at & ~self.command.valid & ~waits
-                                         & join.ongoing("IDLE")):
-                m.d.sync += [word.eq(0), column.eq(0)]
-                with m.If(lost):
-                    m.next = "END"
-                with m.Else():
-                    m.next = "RESOLVE"
-
-            # A parent is lower, so it is resolved before.
-            with m.State("RESOLVE"):
-                m.d.comb += [
-                    parent_write.addr.eq(asked), parent_write.data.eq(parent.data),
-                    parent_write.en.eq(resolved), parent.addr.eq(label),
-                ]
-                with m.If(beyond):
-                    m.d.sync += label.eq(1)
-                    m.next = "SUM"
-                with m.Else():
-                    m.next = "PARENT"
-            with m.State("PARENT"):
-                m.d.comb += parent.addr.eq(parent.data)
-                m.d.sync += [asked.eq(label), label.eq(label + 1), resolved.eq(1)]
-                m.next = "RESOLVE"
-
-            with m.State("SUM"):
-                with m.If(~self.command.valid & ~all_words):
-                    m.d.sync += [
-                        self.command.valid.eq(1),
-                        command.write.eq(0),
-                        command.address.eq(self.base + word),
-                        word.eq(word + 1),
-                        all_words.eq(word == words - 1),
-                    ]
-                m.d.comb += [parent.addr.eq(entry), record.addr.eq(parent.data)]
-                m.d.sync += [holds_high.eq(self.answer.valid), b.eq(got)]
-                with m.If(self.answer.valid):
-                    m.d.sync += high.eq(self.answer.p[16:])
-                with m.If(got):
-                    m.d.sync += column.eq(column + 1)
-                    with m.If(column == self.width - 1):
-                        m.d.sync += [column.eq(0), row.eq(row + 1)]
-                        m.d.sync += summed.eq(row == self.height - 1)
-                m.d.comb += [
-                    record_write.addr.eq(owner), record_write.data.eq(sums),
-                    record_write.en.eq(dirty & Mux(adds, root != owner, c | summed)),
-                ]
-                with m.If(adds):
-                    m.d.sync += dirty.eq(1)
-                with m.Elif(c):
-                    m.d.sync += dirty.eq(0)
-                with m.If(summed & ~b & ~c):
-                    m.next = "REPORT"
-
-            with m.State("REPORT"):
-                m.d.comb += [
-                    parent.addr.eq(label), record.addr.eq(label),
-                    parent.en.eq(moves), record.en.eq(moves),
-                ]
-                with m.If(moves):
-                    m.d.sync += [
-                        reports.eq(~beyond),
-                        asked.eq(label),
-                        label.eq(label + ~beyond),
-                        self.o.valid.eq(reports & (parent.data == asked)),
-                        spot.end.eq(0),
-                        spot.broken.eq(0),
-                        spot.core.eq(found.core),
-                        spot.area.eq(Mux(too_large, AREA_LIMIT, found.area)),
-                        spot.weight.eq(Mux(too_large, 0, found.area)),
-                        spot.sum_u.eq(Mux(too_large, 0, found.sum_u)),
-                        spot.sum_v.eq(Mux(too_large, 0, found.sum_v)),
-                    ]
-                    with m.If(reports & (parent.data == asked)):
-                        m.d.sync += pause.eq(self.interval - 1)
-                    with m.If(beyond & ~reports):
-                        m.next = "END"
-
-            with m.State("END"), m.If(moves):
-                m.d.sync += [
-                    self.o.valid.eq(1), spot.eq(0), spot.end.eq(1), spot.broken.eq(lost),
-                    self.dropped.eq(Mux(lost, 0, missed)),
-                ]
-                m.next = "START"
-
-        return m
+            m.d.sync += holds_high.eq(self.answer.valid)
+            with m.If(self.answer.valid):
+                m.d.sync += high.eq(self.answer.p[16:])
+        with m.If(pixels.valid):
+            m.d.sync += column.eq(column + 1)
+            with m.If(column == self.width - 1):
+                m.d.sync += [column.eq(0), row.eq(row + 1)]
+        with m.If(restart):
+            m.d.sync += [row.eq(0), all_words.eq(0), holds_high.eq(0)]

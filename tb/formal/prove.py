@@ -15,6 +15,7 @@ from scripts.rtl.blocks import BLOCKS, VARIANTS
 from tb.formal import guard_faults, queue_faults
 from tb.formal import symbiyosys as formal
 from tb.formal.frame_banks import BanksProof
+from tb.formal.label_joiner import DEPTH, JoinerProof, joiner_outcome
 from tb.formal.laser_guard import GuardProof
 from tb.formal.queues import QUEUES
 from tb.formal.streams import CASES, Case, ContractProof, stream_ports
@@ -119,6 +120,14 @@ def banks():
             yield Row(f"{count} banks, {row.what}", row.result, row.seconds, row.good)
 
 
+def joiner():
+    """Label joiner with three labels, for some clocks from the start."""
+    outcome = joiner_outcome()
+    for row in _properties(JoinerProof.PROPERTIES, outcome):
+        yield Row(row.what, f"held for {DEPTH}" if outcome.result == "held" else row.result,
+                  row.seconds, outcome.result == "held")
+
+
 def streams():
     """Stream contract: what is offered stays, unchanged, until it is taken; all ports."""
     for block, names in streaming_blocks():
@@ -146,7 +155,8 @@ def faults():
 
 
 #: What there is to prove, by name.
-GROUPS = {"guard": guard, "banks": banks, "streams": streams, "queues": queues, "faults": faults}
+GROUPS = {"guard": guard, "banks": banks, "joiner": joiner, "streams": streams,
+          "queues": queues, "faults": faults}
 
 
 def main(arguments=None):

@@ -6,25 +6,20 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles
 
-from hdl.payloads import MaskPixel, Spot
 from hdl.preprocessing.labelling import Labelling
 from model.oracles.labelling_oracle import components
 from tb.harness import Bench, parameters
-from tb.native_block import pack, unpack
+from tb.preprocessing.frames import BROKEN_MASK, mask_words, spot_tuples
 
 P = parameters()
 WIDTH, HEIGHT = P["width"], P["height"]
 
 
+BROKEN = int(BROKEN_MASK[0, 0])
+
+
 def words_of(lit, core, excess):
-    v, u = np.mgrid[:HEIGHT, :WIDTH]
-    words = pack(MaskPixel, lit=lit.ravel(), core=core.ravel(), excess=excess.ravel(),
-                 marker_line_end=(u == WIDTH - 1).ravel(),
-                 marker_frame_end=((u == WIDTH - 1) & (v == HEIGHT - 1)).ravel())
-    return [int(word) for word in words[:, 0]]
-
-
-BROKEN = int(pack(MaskPixel, marker_line_end=1, marker_frame_end=1, marker_broken=1)[0, 0])
+    return mask_words(lit, core, excess)[:, 0].tolist()
 
 
 def random_frame(rng, weighted):
@@ -32,15 +27,6 @@ def random_frame(rng, weighted):
     core = lit & (rng.random(lit.shape) < 0.2)
     excess = np.where(lit, rng.integers(0, 256, lit.shape), 0).astype(np.uint8)
     return words_of(lit, core, excess), components(lit, core, excess, weighted)
-
-
-def spots_of(words):
-    """[(core, area, weight, sum_u, sum_v) or "end" or "broken", ...] of spot words."""
-    parts = [[word >> 32 * part & 0xFFFFFFFF for part in range(3)] for word in words]
-    fields = unpack(Spot, np.array(parts, dtype=np.uint32).reshape(-1, 3))
-    names = ("core", "area", "weight", "sum_u", "sum_v")
-    return [("broken" if spot["broken"] else "end") if spot["end"]
-            else tuple(int(spot[name]) for name in names) for spot in fields]
 
 
 async def bench_of(dut, weighted, gap=None, stall=None):
@@ -62,7 +48,7 @@ async def frames_match_oracle(dut, weighted):
         stream += words
         want += [*spots, "end"]
     await bench.i.send(stream)
-    assert spots_of(await bench.o.receive(len(want))) == want, f"seed {P['seed']}"
+    assert spot_tuples(await bench.o.receive(len(want))) == want, f"seed {P['seed']}"
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
@@ -75,11 +61,11 @@ async def broken_and_reset(dut):
         lost, _ = random_frame(rng, True)
         last, after = random_frame(rng, True)
         await bench.i.send(first + lost[:cut] + [BROKEN] + last)
-        got = spots_of(await bench.o.receive(len(spots) + 1))
+        got = spot_tuples(await bench.o.receive(len(spots) + 1))
         assert got == [*spots, "end"], f"seed {P['seed']}, before a break at {cut}"
         while "broken" not in got:
-            got = spots_of(await bench.o.receive(1))
-        got = spots_of(await bench.o.receive(len(after) + 1))
+            got = spot_tuples(await bench.o.receive(1))
+        got = spot_tuples(await bench.o.receive(len(after) + 1))
         assert got == [*after, "end"], f"seed {P['seed']}, after a break at {cut}"
         await bench.i.send(lost[:cut])
         await bench.reset(1)
@@ -96,7 +82,7 @@ async def full_speed(dut):
     assert bench.i.taken == list(range(bench.i.taken[0], bench.i.taken[0] + len(stream)))
     await ClockCycles(dut.clk, WIDTH + 8)
     clock, word = bench.o.words[-1]
-    assert spots_of([word]) == ["end"]
+    assert spot_tuples([word]) == ["end"]
     assert clock - bench.i.taken[-1] == WIDTH + 1 + Labelling.latency
 
 
@@ -113,4 +99,4 @@ async def waits_with_the_pixels(dut):
     assert dut.o_valid.value == 1 and dut.i_ready.value == 0 and not sending.done()
     bench.o.stall = 0.0
     await sending
-    assert spots_of(await bench.o.receive(len(spots) + 1)) == [*spots, "end"]
+    assert spot_tuples(await bench.o.receive(len(spots) + 1)) == [*spots, "end"]

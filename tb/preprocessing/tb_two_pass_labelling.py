@@ -4,34 +4,21 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles
 
-from hdl.payloads import MaskPixel, Spot
 from model.oracles.two_pass_labelling_oracle import components_in_two_passes
 from tb.common.sram_model import SRAM
 from tb.harness import Bench, parameters
-from tb.native_block import pack, unpack
+from tb.preprocessing.frames import BROKEN_MASK, mask_words, spot_tuples
 
 P = parameters()
 WIDTH, HEIGHT, LABELS = P["width"], P["height"], P["labels"]
-BROKEN = int(pack(MaskPixel, marker_line_end=1, marker_frame_end=1, marker_broken=1)[0, 0])
+BROKEN = int(BROKEN_MASK[0, 0])
 
 
 def random_frame(rng):
     lit = rng.random((HEIGHT, WIDTH)) < rng.uniform(0.05, 0.8)
     core = lit & (rng.random(lit.shape) < 0.2)
-    v, u = np.mgrid[:HEIGHT, :WIDTH]
-    words = pack(MaskPixel, lit=lit.ravel(), core=core.ravel(),
-                 marker_line_end=(u == WIDTH - 1).ravel(),
-                 marker_frame_end=((u == WIDTH - 1) & (v == HEIGHT - 1)).ravel())
-    return [int(word) for word in words[:, 0]], *components_in_two_passes(lit, core, LABELS)
-
-
-def spots_of(words):
-    """[(core, area, weight, sum_u, sum_v) or "end" or "broken", ...] of spot words."""
-    parts = [[word >> 32 * part & 0xFFFFFFFF for part in range(3)] for word in words]
-    fields = unpack(Spot, np.array(parts, dtype=np.uint32).reshape(-1, 3))
-    names = ("core", "area", "weight", "sum_u", "sum_v")
-    return [("broken" if spot["broken"] else "end") if spot["end"]
-            else tuple(int(spot[name]) for name in names) for spot in fields]
+    words = mask_words(lit, core, np.zeros_like(lit))[:, 0].tolist()
+    return words, *components_in_two_passes(lit, core, LABELS)
 
 
 async def bench_of(dut):
@@ -49,7 +36,7 @@ async def frames_match_oracle(dut):
     for _ in range(12):
         words, spots, dropped = random_frame(rng)
         await bench.i.send(words)
-        got = spots_of(await bench.o.receive(len(spots) + 1))
+        got = spot_tuples(await bench.o.receive(len(spots) + 1))
         assert got == [*spots, "end"], f"seed {P['seed']}"
         assert int(dut.dropped.value) == dropped
         counts.append(dropped)
@@ -65,7 +52,7 @@ async def broken_and_reset(dut):
         lost, _, _ = random_frame(rng)
         words, spots, dropped = random_frame(rng)
         await bench.i.send(lost[:int(rng.integers(WIDTH * HEIGHT))] + [BROKEN] + words)
-        got = spots_of(await bench.o.receive(len(spots) + 2))
+        got = spot_tuples(await bench.o.receive(len(spots) + 2))
         assert got == ["broken", *spots, "end"], f"seed {P['seed']}"
         assert int(dut.dropped.value) == dropped
 

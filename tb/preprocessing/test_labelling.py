@@ -7,12 +7,13 @@ import cv2
 import numpy as np
 import pytest
 
-from hdl.payloads import MaskPixel, Spot
+from hdl.payloads import Spot
 from hdl.preprocessing.labelling import Labelling
 from model.oracles.labelling_oracle import components, last_pixels
 from model.preprocessing.labelling import SPOT_DTYPE, label
 from tb.hdlsim import run
-from tb.native_block import NativeBlock, pack
+from tb.native_block import NativeBlock
+from tb.preprocessing.frames import BROKEN_MASK, check_spots, mask_words, spot_frames
 from tb.preprocessing.labelling_images import bitmaps_4x4, directed, noise, tiled_4x4
 
 SMALL, CIF = (64, 64), (288, 352)
@@ -39,63 +40,28 @@ def greys(lit, seed):
     return core, excess.astype(np.uint8)
 
 
-def beats(lit, core, excess):
-    """Words of whole frames, back to back, as an array of frames."""
-    line_end = np.zeros(lit.shape, bool)
-    line_end[:, :, -1] = True
-    frame_end = np.zeros(lit.shape, bool)
-    frame_end[:, -1, -1] = True
-    words = pack(MaskPixel, lit=lit.ravel(), core=core.ravel(), excess=excess.ravel(),
-                 marker_line_end=line_end.ravel(), marker_frame_end=frame_end.ravel())
-    return words.reshape(len(lit), -1, words.shape[1])
-
-
-BROKEN = pack(MaskPixel, marker_line_end=1, marker_frame_end=1, marker_broken=1)
-
-
-def frames_of(fields):
-    """Split what came out after each end beat: [(spots, broken), ...]."""
-    ends = np.flatnonzero(fields["end"])
-    assert len(ends) == 0 or ends[-1] == len(fields) - 1, "spots after the last end beat"
-    frames = []
-    for first, last in zip([0, *(ends[:-1] + 1)], ends, strict=True):
-        close, spots = fields[last], np.zeros(last - first, SPOT_DTYPE)
-        for name in ("core", "area", "weight", "sum_u", "sum_v"):
-            assert close[name] == 0, f"{name} of an end beat is {close[name]}"
-            spots[name] = fields[name][first:last]
-        assert not fields["broken"][first:last].any()
-        frames.append((spots, bool(close["broken"])))
-    return frames
-
-
 def ending_pixels(last, width):
     """The pixels that end components: below and to the right of their last ones."""
     return last + width + (last % width < width - 1)
-
-
-def compare(got, want, what):
-    assert len(got) == len(want), f"{what}: {len(got)} spots, not {len(want)}"
-    for index in np.flatnonzero(got != want)[:1]:
-        pytest.fail(f"{what}, spot {index}: expected {want[index]}, got {got[index]}")
 
 
 def check(size, masks, names, seed, gap=0.0, stall=0.0, weighted=True, oracle=False):
     """Frames back to back through the block; every one must be the model's. Returns the beats."""
     lit = np.asarray(masks)
     core, excess = greys(lit, seed)
-    words = beats(lit, core, excess)
+    words = mask_words(lit, core, excess)
     out = started(size, weighted).stream(
         words.reshape(-1, words.shape[2]), gap, stall, seed,
         idle=int((3 * size[1] + 40) / (1 - stall)))
-    frames = frames_of(out.fields(Spot))
+    frames = spot_frames(out.fields(Spot))
     assert len(frames) == len(lit)
     for index, (spots, broken) in enumerate(frames):
         what = f"seed {seed}, frame {index} ({names[index]})"
         assert not broken, what
-        compare(spots, label(lit[index], core[index], excess[index], weighted), what)
+        check_spots(spots, label(lit[index], core[index], excess[index], weighted), what)
         if oracle:
             want = components(lit[index], core[index], excess[index], weighted)
-            compare(spots, np.array(want, SPOT_DTYPE), f"{what} against OpenCV")
+            check_spots(spots, np.array(want, SPOT_DTYPE), f"{what} against OpenCV")
     return out, lit
 
 
@@ -139,9 +105,9 @@ def test_every_4x4_bitmap_alone():
     """All 65,536 as frames of 4x4, touching all borders, back to back: against OpenCV itself."""
     lit = bitmaps_4x4()
     lit = lit[np.random.default_rng(5).permutation(len(lit))]
-    words = beats(lit, lit, np.zeros(lit.shape, np.uint8))
+    words = mask_words(lit, lit, np.zeros(lit.shape, np.uint8))
     out = started((4, 4)).stream(words.reshape(-1, words.shape[2]), idle=20)
-    frames = frames_of(out.fields(Spot))
+    frames = spot_frames(out.fields(Spot))
     assert len(frames) == len(lit)
     for bitmap, (spots, _) in zip(lit, frames, strict=True):
         count, _, stats, centres = cv2.connectedComponentsWithStats(
@@ -204,7 +170,7 @@ def test_last_row_needs_no_further_pixel(size):
     height, width = size
     mask = np.zeros(size, bool)
     mask[-1, ::2] = mask[-1, -1] = True
-    words = beats(mask[None], mask[None], np.zeros((1, *size), np.uint8))[0]
+    words = mask_words(mask[None], mask[None], np.zeros((1, *size), np.uint8))[0]
     out = started(size).stream(words, idle=width + 8)
     fields = out.fields(Spot)
     assert fields["end"][-1] and len(fields) == len(last_pixels(mask)) + 1
@@ -224,14 +190,14 @@ def test_next_frame_pauses_in_its_first_row(seed):
     for frame in pauses:
         places = rng.integers(0, width + 2, rng.integers(1, 20))
         frame[places] = rng.integers(1, rng.choice([3, 8, 70]), len(places))
-    words = beats(lit, core, excess)
+    words = mask_words(lit, core, excess)
     out = started(SMALL).stream(words.reshape(-1, words.shape[2]), pauses=pauses.ravel(),
                                 stall=0.5 * (seed % 2), seed=seed, idle=600)
-    frames = frames_of(out.fields(Spot))
+    frames = spot_frames(out.fields(Spot))
     assert len(frames) == count
     for index, (spots, _) in enumerate(frames):
-        compare(spots, label(lit[index], core[index], excess[index], True),
-                f"seed {seed}, frame {index}")
+        check_spots(spots, label(lit[index], core[index], excess[index], True),
+                    f"seed {seed}, frame {index}")
 
 
 @pytest.mark.parametrize("size", [SMALL, (4, 4)])
@@ -244,16 +210,16 @@ def test_broken_frames(size, gap, stall, seed):
     count, pixels = (90, height * width) if size == SMALL else (4000, height * width)
     lit = rng.random((count, *size)) < rng.uniform(0.05, 0.95, (count, 1, 1))
     core, excess = greys(lit, seed)
-    words = beats(lit, core, excess)
+    words = mask_words(lit, core, excess)
     # Half of the frames break: at once, in the first row, anywhere, or on the very last pixel.
     cuts = np.select([rng.random(count) < p for p in (0.5, 0.2, 0.4, 0.4, 0.5)], [
         np.full(count, -1), np.zeros(count, int), rng.integers(0, width + 3, count),
         rng.integers(0, 2 * width, count), np.full(count, pixels - 1)],
         rng.integers(0, pixels, count))
-    stream = [words[i] if cut < 0 else np.concatenate([words[i][:cut], BROKEN])
+    stream = [words[i] if cut < 0 else np.concatenate([words[i][:cut], BROKEN_MASK])
               for i, cut in enumerate(cuts)]
     out = started(size).stream(np.concatenate(stream), gap, stall, seed, idle=4 * width + 40)
-    frames = frames_of(out.fields(Spot))
+    frames = spot_frames(out.fields(Spot))
     assert len(frames) == count
     for index, ((spots, broken), cut) in enumerate(zip(frames, cuts, strict=True)):
         what = f"seed {seed}, frame {index}, cut {cut}"
@@ -261,15 +227,15 @@ def test_broken_frames(size, gap, stall, seed):
         want = label(lit[index], core[index], excess[index], True)
         if broken:
             want = want[ending_pixels(last_pixels(lit[index]), width) < cut]
-        compare(spots, want, what)
+        check_spots(spots, want, what)
 
 
 def test_broken_frame_costs_no_clock():
     """Breaking does not hold the camera up, except where breaks queue up behind a walk."""
     rng = np.random.default_rng(9)
     lit = rng.random((20, *SMALL)) < 0.3
-    words = beats(lit, lit, np.zeros(lit.shape, np.uint8))
-    stream = [np.concatenate([frame[:200 + 97 * i], BROKEN]) for i, frame in enumerate(words)]
+    words = mask_words(lit, lit, np.zeros(lit.shape, np.uint8))
+    stream = [np.concatenate([frame[:200 + 97 * i], BROKEN_MASK]) for i, frame in enumerate(words)]
     out = started(SMALL).stream(np.concatenate(stream), idle=100)
     assert np.all(np.diff(out.taken) == 1)
 
@@ -279,15 +245,15 @@ def test_reset_forgets():
     dut = started(SMALL)
     lit = rng.random((30, *SMALL)) < 0.4
     core, excess = greys(lit, 10)
-    words = beats(lit, core, excess)
+    words = mask_words(lit, core, excess)
     for index, frame in enumerate(words):
         cut = int(rng.integers(1, len(frame)))
         stopped = np.concatenate([words[index - 1], frame[:20]]) if index % 2 else frame[:cut]
         dut.stream(stopped, stall=0.5, seed=index)
         dut.reset(1)
-        (spots, broken), = frames_of(dut.stream(frame, idle=80).fields(Spot))
+        (spots, broken), = spot_frames(dut.stream(frame, idle=80).fields(Spot))
         assert not broken
-        compare(spots, label(lit[index], core[index], excess[index], True), f"frame {index}")
+        check_spots(spots, label(lit[index], core[index], excess[index], True), f"frame {index}")
 
 
 @pytest.mark.parametrize("width", [0, 1, 513, 3.5, "foo"])

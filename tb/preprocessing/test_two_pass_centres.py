@@ -17,8 +17,8 @@ from model.preprocessing.spot_queue import filter_spots
 from model.preprocessing.two_pass_labelling import label_in_two_passes
 from model.settings import Settings
 from tb.native_block import NativeBlock
+from tb.preprocessing.frames import mask_words
 from tb.preprocessing.labelling_images import directed, noise
-from tb.preprocessing.test_two_pass_labelling import beats
 from tb.preprocessing.two_pass_rig import TwoPassRig
 
 SIZE, LABELS = (64, 64), 2047
@@ -74,7 +74,7 @@ def test_centres(interval, report_rejected):
     dut = NativeBlock(Centres(interval))
     dut.set(area_min=2, area_max=200, report_rejected=int(report_rejected))
     dut.reset()
-    out = dut.stream(beats(lit, core).reshape(-1, 1), idle=20_000)
+    out = dut.stream(mask_words(lit, core, 0 * lit).reshape(-1, 1), idle=20_000)
     got = out.fields(Centre)
     frames = np.split(got, np.flatnonzero(got["end"]) + 1)[:-1]
     assert len(frames) == len(lit)
@@ -113,7 +113,7 @@ def test_centre_of_a_spot_in_pixels():
     dut = NativeBlock(Centres(INTERVAL))
     dut.set(area_min=1, area_max=255, report_rejected=0)
     dut.reset()
-    got = dut.stream(beats(lit, lit).reshape(-1, 1), idle=20_000).fields(Centre)
+    got = dut.stream(mask_words(lit, lit, 0 * lit).reshape(-1, 1), idle=20_000).fields(Centre)
     got = got[got["end"] == 0]
     for mask, spot in zip(lit, got, strict=True):
         assert spot["area"] == mask.sum()

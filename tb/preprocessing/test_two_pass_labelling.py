@@ -7,17 +7,17 @@ import cv2
 import numpy as np
 import pytest
 
-from hdl.payloads import MaskPixel, Spot
+from hdl.payloads import Spot
 from hdl.preprocessing.two_pass_labelling import TwoPassLabelling
-from model.preprocessing.labelling import SPOT_DTYPE, label
+from model.preprocessing.labelling import label
 from model.preprocessing.two_pass_labelling import label_in_two_passes, labels_used
 from tb.hdlsim import run
-from tb.native_block import NativeBlock, pack
+from tb.native_block import NativeBlock
+from tb.preprocessing.frames import BROKEN_MASK, check_spots, mask_words, spot_frames
 from tb.preprocessing.labelling_images import bitmaps_4x4, directed, noise, tiled_4x4
 from tb.preprocessing.two_pass_rig import TwoPassPins, TwoPassRig
 
 SMALL, CIF = (64, 64), (288, 352)
-BROKEN = pack(MaskPixel, marker_line_end=1, marker_frame_end=1, marker_broken=1)
 #: Every frame of 352 x 288 has its labels.
 ALL_LABELS = 25344
 
@@ -36,38 +36,12 @@ def started(size, labels=1023, base=0, traffic=0):
 
 
 def beats(lit, core):
-    """Words of whole frames, back to back, as an array of frames."""
-    line_end, frame_end = np.zeros(lit.shape, bool), np.zeros(lit.shape, bool)
-    line_end[:, :, -1] = True
-    frame_end[:, -1, -1] = True
-    words = pack(MaskPixel, lit=lit.ravel(), core=core.ravel(), excess=77 * lit.ravel(),
-                 marker_line_end=line_end.ravel(), marker_frame_end=frame_end.ravel())
-    return words.reshape(len(lit), -1, words.shape[1])
+    """Words of whole frames; the block has no use for the excess."""
+    return mask_words(lit, core, 77 * lit)
 
 
 def cores(lit, seed):
     return lit & (np.random.default_rng(seed).random(lit.shape) < 0.05)
-
-
-def frames_of(fields):
-    """Split what came out after each end beat: [(spots, broken), ...]."""
-    ends = np.flatnonzero(fields["end"])
-    assert len(ends) == 0 or ends[-1] == len(fields) - 1, "spots after the last end beat"
-    frames = []
-    for first, last in zip([0, *(ends[:-1] + 1)], ends, strict=True):
-        close, spots = fields[last], np.zeros(last - first, SPOT_DTYPE)
-        for name in SPOT_DTYPE.names:
-            assert close[name] == 0, f"{name} of an end beat is {close[name]}"
-            spots[name] = fields[name][first:last]
-        assert not fields["broken"][first:last].any()
-        frames.append((spots, bool(close["broken"])))
-    return frames
-
-
-def compare(got, want, what):
-    assert len(got) == len(want), f"{what}: {len(got)} spots, not {len(want)}"
-    for index in np.flatnonzero(got != want)[:1]:
-        pytest.fail(f"{what}, spot {index}: expected {want[index]}, got {got[index]}")
 
 
 def worst_clocks(size, labels):
@@ -88,13 +62,13 @@ def check(size, masks, names, seed, gap=0.0, stall=0.0, labels=1023, base=0, tra
     clocks = worst_clocks(size, labels) / (1 - stall) * (1 + traffic / 32)
     out = dut.stream(beats(lit, core).reshape(-1, 1), gap, stall, seed, idle=int(clocks),
                      limit=int(clocks))
-    frames = frames_of(out.fields(Spot))
+    frames = spot_frames(out.fields(Spot))
     assert len(frames) == len(lit)
     for index, (spots, broken) in enumerate(frames):
         what = f"seed {seed}, frame {index} ({names[index]})"
         assert not broken, what
         want, dropped = label_in_two_passes(lit[index], core[index], labels)
-        compare(spots, want, what)
+        check_spots(spots, want, what)
         if not dropped:
             streamed = label(lit[index], core[index], np.zeros(size, np.uint8), False)
             assert sorted(spots.tolist()) == sorted(streamed.tolist()), what
@@ -165,7 +139,7 @@ def test_every_4x4_bitmap():
     lit = lit[np.random.default_rng(5).permutation(len(lit))]
     dut = started((4, 4), 4)
     out = dut.stream(beats(lit, lit).reshape(-1, 1), idle=100)
-    frames = frames_of(out.fields(Spot))
+    frames = spot_frames(out.fields(Spot))
     assert len(frames) == len(lit)
     for bitmap, (spots, _) in zip(lit, frames, strict=True):
         _, of_pixel, stats, centres = cv2.connectedComponentsWithStats(
@@ -204,10 +178,10 @@ def test_labels_run_out(labels):
         core = cores(mask, 4)
         clocks = 2 * worst_clocks(SMALL, labels)
         out = dut.stream(beats(mask[None], core[None])[0], 0.1, 0.1, labels, idle=clocks)
-        (spots, broken), = frames_of(out.fields(Spot))
+        (spots, broken), = spot_frames(out.fields(Spot))
         want, dropped = label_in_two_passes(mask, core, labels)
         assert not broken
-        compare(spots, want, f"{name}, {labels} labels")
+        check_spots(spots, want, f"{name}, {labels} labels")
         assert dut.get("dropped") == dropped, name
         overflowed += dropped > 0
     assert overflowed > 5
@@ -234,13 +208,13 @@ def test_clocks(size, labels):
                     "comb, back below", "spiral", "in a tree")]
         masks, names = [masks[index] for index in keep], [names[index] for index in keep]
     out, lit = check(size, masks, names, 3, labels=labels)
-    pixels = size[0] * size[1]
+    pixels, latency = size[0] * size[1], TwoPassLabelling(size[1], size[0]).latency
     taken = out.taken.reshape(len(lit), pixels)
     ends = out.clocks[out.fields(Spot)["end"] == 1]
     most = 0
     for mask, name, clocks, end in zip(lit, names, taken, ends, strict=True):
         used = labels_used(mask, labels)
-        formula = 2 * pixels + 3 * used + TwoPassLabelling.overhead - (used == 0)
+        formula = latency + 3 * used + (used > 0)
         joining = end - clocks[0] - formula
         print(f"{name}: {end - clocks[0]} clocks, {used} labels, {joining} for joining")
         assert 0 <= joining <= used + 1, f"{name}: {joining} clocks for joining"
@@ -261,14 +235,14 @@ def test_interval(interval, stall):
     dut.reset()
     out = dut.stream(beats(lit, core).reshape(-1, 1), 0, stall, 1, idle=10_000)
     fields = out.fields(Spot)
-    frames = frames_of(fields)
+    frames = spot_frames(fields)
     ends = out.clocks[fields["end"] == 1]
     assert len(frames) == len(lit)
     after_spot = fields["end"][:-1] == 0
     assert np.diff(out.clocks)[after_spot].min() >= (interval if not stall else 1)
     for index, (spots, _) in enumerate(frames):
         want, _ = label_in_two_passes(lit[index], core[index], 1023)
-        compare(spots, want, f"frame {index}")
+        check_spots(spots, want, f"frame {index}")
         used = labels_used(lit[index], 1023)
         formula = 512 + 3 * used + TwoPassLabelling.overhead + (interval - 1) * len(want)
         joining = ends[index] - out.taken[256 * index] - formula
@@ -291,18 +265,18 @@ def test_broken_frames(size, gap, stall, traffic, seed):
         np.full(count, -1), np.zeros(count, int), rng.integers(0, width + 3, count),
         rng.integers(0, 2 * width, count), np.full(count, pixels - 1)],
         rng.integers(0, pixels, count))
-    stream = [words[i] if cut < 0 else np.concatenate([words[i][:cut], BROKEN])
+    stream = [words[i] if cut < 0 else np.concatenate([words[i][:cut], BROKEN_MASK])
               for i, cut in enumerate(cuts)]
     dut = started(size, traffic=traffic)
     clocks = 4 * worst_clocks(size, 1023)
     out = dut.stream(np.concatenate(stream), gap, stall, seed, idle=clocks, limit=clocks)
-    frames = frames_of(out.fields(Spot))
+    frames = spot_frames(out.fields(Spot))
     assert len(frames) == count
     for index, ((spots, broken), cut) in enumerate(zip(frames, cuts, strict=True)):
         what = f"seed {seed}, frame {index}, cut {cut}"
         assert broken == (cut >= 0), what
         want, _ = label_in_two_passes(lit[index], core[index], 1023)
-        compare(spots, want[:0] if broken else want, what)
+        check_spots(spots, want[:0] if broken else want, what)
     clean(dut)
 
 
@@ -316,12 +290,12 @@ def test_broken_frames_drop_nothing(seed):
     cuts = np.where(rng.random(count) < 0.5, rng.integers(100, 256, count), -1)
     dut = started(size, labels)
     for index, (words, cut) in enumerate(zip(beats(lit, core), cuts, strict=True)):
-        sent = words if cut < 0 else np.concatenate([words[:cut], BROKEN])
+        sent = words if cut < 0 else np.concatenate([words[:cut], BROKEN_MASK])
         out = dut.stream(sent, seed=index, idle=worst_clocks(size, labels))
-        (spots, broken), = frames_of(out.fields(Spot))
+        (spots, broken), = spot_frames(out.fields(Spot))
         want, dropped = label_in_two_passes(lit[index], core[index], labels)
         assert broken == (cut >= 0) and dropped > 0
-        compare(spots, want[:0] if broken else want, f"frame {index}")
+        check_spots(spots, want[:0] if broken else want, f"frame {index}")
         assert dut.get("dropped") == (0 if broken else dropped), f"frame {index}"
 
 
@@ -339,10 +313,10 @@ def test_reset_forgets():
                    idle=int(rng.integers(0, 2 * pixels)) if cut == pixels or index % 2 else 0)
         dut.reset(1)
         out = dut.stream(words[index - 1], idle=worst_clocks(size, 200))
-        (spots, broken), = frames_of(out.fields(Spot))
+        (spots, broken), = spot_frames(out.fields(Spot))
         assert not broken
         want, _ = label_in_two_passes(lit[index - 1], core[index - 1], 1023)
-        compare(spots, want, f"frame {index}")
+        check_spots(spots, want, f"frame {index}")
 
 
 @pytest.mark.parametrize(("arguments", "sentence"), [

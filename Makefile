@@ -24,9 +24,10 @@ demo: setup ## simulate a rig, calibrate it, and measure through the RTL
 sim: tools ## run the whole-frame benches of the top
 	$(PYTEST) tb/system/test_frames.py
 
-test: tools ## run ruff and the whole regression
+test: tools ## run ruff and the regression; FRESH=1: also what is unchanged since it passed
 	$(BIN)/ruff check .
-	$(PYTEST) -n $(WORKERS) --dist worksteal --junitxml=build/regression.xml
+	$(PYTEST) -n $(WORKERS) --dist load --maxschedchunk 1 --durations 10 \
+	    $(if $(FRESH),,--skip-unchanged) --junitxml=build/regression.xml
 
 lint: tools ## check the Python, the generated Verilog and the VHDL twins
 	$(BIN)/ruff check .

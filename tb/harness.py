@@ -4,18 +4,28 @@ import json
 import os
 import random
 
-import cocotb
 from cocotb.clock import Clock
-from cocotb.triggers import ClockCycles, Event, ReadOnly, RisingEdge
+from cocotb.triggers import ClockCycles, Event, First, RisingEdge, ValueChange
+from cocotb.utils import get_sim_steps, get_sim_time
 from cocotb_bus.drivers import BusDriver
 from cocotb_bus.monitors import BusMonitor
 
-__all__ = ["Bench", "StreamSink", "StreamSource", "parameters"]
+__all__ = ["Bench", "StreamSink", "StreamSource", "is_high", "parameters", "start_clock"]
+
+
+def is_high(signal):
+    """Whether a signal of one bit is 1."""
+    return signal.value == 1
 
 
 def parameters():
     """What the pytest half handed to the bench (a dictionary)."""
     return json.loads(os.environ.get("CYCLOPE_BENCH", "{}"))
+
+
+def start_clock(signal, period, unit="ps"):
+    """Start a clock with a rising edge; the simulator makes it, which takes no Python."""
+    Clock(signal, period, unit=unit, impl="gpi").start()
 
 
 class StreamSource(BusDriver):
@@ -35,22 +45,22 @@ class StreamSource(BusDriver):
         self.bus.payload.value = 0
 
     async def _driver_send(self, transaction, sync=True):
+        valid, ready, payload = self.bus.valid, self.bus.ready, self.bus.payload
+        edge, risen = RisingEdge(self.clock), RisingEdge(ready)
         if sync:
-            await RisingEdge(self.clock)
+            await edge
         for word in transaction:
             while self.gap and self.rng.random() < self.gap:
-                self.bus.valid.value = 0
-                await RisingEdge(self.clock)
-            self.bus.valid.value = 1
-            self.bus.payload.value = int(word)
-            while True:
-                await ReadOnly()
-                ready = int(self.bus.ready.value)
-                await RisingEdge(self.clock)
-                if ready:
-                    break
+                valid.value = 0
+                await edge
+            valid.value = 1
+            payload.value = int(word)
+            await edge
+            while not is_high(ready):
+                await risen
+                await edge
             self.taken.append(self.bench.cycle)
-        self.bus.valid.value = 0
+        valid.value = 0
 
 
 class StreamSink(BusMonitor):
@@ -63,35 +73,54 @@ class StreamSink(BusMonitor):
     _signals = ["valid", "ready", "payload"]
 
     def __init__(self, bench, name, stall=0.0, seed=1):
-        self.bench, self.stall, self.rng = bench, stall, random.Random(f"sink {name} {seed}")
+        self.bench, self._stall, self.rng = bench, stall, random.Random(f"sink {name} {seed}")
         self.words = []
-        self._arrived = Event()
+        self._arrived, self._stall_set = Event(), Event()
         super().__init__(bench.dut, name, bench.dut.clk)
         self.bus.ready.value = 0
 
+    @property
+    def stall(self):
+        """Chance in each clock that nothing is taken."""
+        return self._stall
+
+    @stall.setter
+    def stall(self, chance):
+        self._stall = chance
+        self._stall_set.set()
+
     async def _monitor_recv(self):
-        waiting = None
+        valid, ready, payload = self.bus.valid, self.bus.ready, self.bus.payload
+        edge, offered = RisingEdge(self.clock), RisingEdge(valid)
+        changed = ValueChange(valid), ValueChange(payload)
+        takes, word, held = 0, None, None
         while True:
-            ready = int(not self.stall or self.rng.random() >= self.stall)
-            self.bus.ready.value = ready
-            await ReadOnly()
-            valid = int(self.bus.valid.value)
-            word = self.bus.payload.value.to_unsigned() if valid else None
-            if waiting is not None and not self.in_reset:
-                assert valid, f"{self.name}: valid fell before the word {waiting:#x} was taken"
-                assert word == waiting, f"{self.name}: {waiting:#x} became {word:#x} while waiting"
-            waiting = word if valid and not ready else None
-            await RisingEdge(self.clock)
-            if self.in_reset:
-                waiting = None
-            elif valid and ready:
+            taking = int(not self._stall or self.rng.random() >= self._stall)
+            if taking != takes:
+                ready.value = takes = taking
+            if self._stall in (0.0, 1.0):
+                if word is None:
+                    await self._sleep(offered)
+                elif held is not None and not takes:
+                    await self._sleep(*changed)
+            await edge  # what is read now is what the edge sees
+            word = payload.value.to_unsigned() if is_high(valid) else None
+            if word is None and held is None:
+                continue
+            in_reset = is_high(self.bench.dut.rst)
+            if held is not None and not in_reset:
+                assert word is not None, (
+                    f"{self.name}: valid fell before the word {held:#x} was taken")
+                assert word == held, f"{self.name}: {held:#x} became {word:#x} while waiting"
+            held = None if takes or in_reset else word
+            if takes and word is not None and not in_reset:
                 self.words.append((self.bench.cycle, word))
                 self._arrived.set()
-                self._recv(word)
 
-    @property
-    def in_reset(self):
-        return bool(self.bench.dut.rst.value)
+    async def _sleep(self, *triggers):
+        """Wait for one of them, or for another ``stall``."""
+        self._stall_set.clear()
+        await First(*triggers, self._stall_set.wait())
 
     async def receive(self, count):
         """The next ``count`` words, waiting for them."""
@@ -110,7 +139,8 @@ class Bench:
     """
 
     def __init__(self, dut, inputs=("i",), outputs=("o",), gap=0.0, stall=0.0, seed=1, plain=None):
-        self.dut, self.cycle = dut, 0
+        self.dut = dut
+        self._begin, self._period = get_sim_time("step"), get_sim_steps(10, "ns")
         self.rng = random.Random(f"bench {seed}")
         dut.rst.value = 1
         for name, value in (plain or {}).items():
@@ -119,13 +149,12 @@ class Bench:
             setattr(self, name, StreamSource(self, name, gap, seed))
         for name in outputs:
             setattr(self, name, StreamSink(self, name, stall, seed))
-        cocotb.start_soon(Clock(dut.clk, 10, unit="ns").start())
-        cocotb.start_soon(self._count())
+        start_clock(dut.clk, 10, "ns")
 
-    async def _count(self):
-        while True:
-            await RisingEdge(self.dut.clk)
-            self.cycle += 1
+    @property
+    def cycle(self):
+        """Rising edges of the clock so far."""
+        return (get_sim_time("step") - self._begin) // self._period + 1
 
     async def reset(self, clocks=3):
         """Hold ``rst`` for some clocks."""

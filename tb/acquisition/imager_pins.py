@@ -1,11 +1,11 @@
 """The imager model at the pins of a cocotb bench, on a pixel clock of its own."""
 
 import cocotb
-from cocotb.clock import Clock
 from cocotb.simtime import get_sim_time
 from cocotb.triggers import ReadOnly, RisingEdge, ValueChange
 
 from model.optics.imager import Charge
+from tb.harness import start_clock
 
 __all__ = ["ExposedPins", "ImagerPins"]
 
@@ -94,7 +94,7 @@ class ImagerPins(ExposedPins):
         self.taken, self.silent, self.stop_at, self.sending = [], False, None, False
         dut.frame_valid.value, dut.line_valid.value, dut.data.value = 0, 0, 0
         super().__init__(dut, imager, **choices)
-        cocotb.start_soon(Clock(dut.pixel_clk, pixel_ps, unit="ps").start())
+        start_clock(dut.pixel_clk, pixel_ps)
         cocotb.start_soon(self._read())
 
     async def _read(self):

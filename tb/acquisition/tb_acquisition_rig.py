@@ -2,7 +2,6 @@
 
 import cocotb
 import numpy as np
-from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, FallingEdge, ReadOnly, RisingEdge, Timer
 
 from hdl.payloads import FrameTag, GreyPixel
@@ -12,7 +11,7 @@ from model.optics.imager import Imager
 from model.optics.rigs import RIGS
 from tb.acquisition.addressed_pins import AddressedImagerPins
 from tb.acquisition.imager_pins import ImagerPins
-from tb.harness import parameters
+from tb.harness import parameters, start_clock
 from tb.native_block import unpack
 
 
@@ -20,7 +19,7 @@ class RigBench:
     """Sequencer, laser guard and camera with the imager; frames as they come, with their tags."""
 
     def __init__(self, dut, imager):
-        cocotb.start_soon(Clock(dut.clk, 62_500, unit="ps").start())
+        start_clock(dut.clk, 62_500)
         self.dut, self.frames = dut, []
         self.addressed = "latency" in parameters()
         if self.addressed:

@@ -2,12 +2,11 @@
 
 import cocotb
 import numpy as np
-from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, RisingEdge
 
 from model.acquisition.camera import BROKEN, FRAME_END, OVERRUN, camera
 from tb.acquisition.pins import FAULTS, show
-from tb.harness import Bench, parameters
+from tb.harness import Bench, parameters, start_clock
 
 WIDTH, HEIGHT = 24, 6
 
@@ -20,7 +19,7 @@ class CameraBench(Bench):
         self.shown = []
         dut.pixel_rst.value = 1
         self.pins((0, 0, 0))
-        cocotb.start_soon(Clock(dut.pixel_clk, pixel_ps, unit="ps").start())
+        start_clock(dut.pixel_clk, pixel_ps)
 
     def pins(self, sample):
         frame_valid, line_valid, data = (int(value) for value in sample)

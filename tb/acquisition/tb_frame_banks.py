@@ -3,10 +3,9 @@
 import random
 
 import cocotb
-from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
-from tb.harness import parameters
+from tb.harness import parameters, start_clock
 
 #: (writer's, reader's) clock period in picoseconds.
 CLOCKS = ((10_000, 10_000), (10_000, 7_300), (7_300, 10_000), (10_000, 83_000), (83_000, 10_000))
@@ -24,8 +23,8 @@ class Ports:
             getattr(dut, name).value = 0
         dut.rst.value = 1
         dut.display_rst.value = 1
-        cocotb.start_soon(Clock(dut.clk, sync_ps, unit="ps").start())
-        cocotb.start_soon(Clock(dut.display_clk, display_ps, unit="ps").start())
+        start_clock(dut.clk, sync_ps)
+        start_clock(dut.display_clk, display_ps)
 
     async def begin(self):
         for clock in (self.dut.clk, self.dut.display_clk):

@@ -1,12 +1,11 @@
 import random
 
 import cocotb
-from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
 from model.acquisition.laser_guard import LaserGuard, worst_window
 from tb.acquisition.laser_driver import LaserDriver
-from tb.harness import parameters
+from tb.harness import parameters, start_clock
 
 LIMITS = ("pulse", "repetition", "window", "window_on", "pause")
 PULSE, REPETITION, DUTY, NOT_ARMED, HEARTBEAT = (1 << n for n in range(5))
@@ -24,7 +23,7 @@ class Guard:
         self.inputs = {"request": 0, "tables_valid": 1, "capture": 0, "heartbeat": 0, "clear": 0}
 
     async def start(self):
-        cocotb.start_soon(Clock(self.dut.clk, 10, unit="ns").start())
+        start_clock(self.dut.clk, 10, "ns")
         await self.reset()
 
     async def reset(self, clocks=2):

@@ -3,10 +3,9 @@
 import random
 
 import cocotb
-from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
-from tb.harness import parameters
+from tb.harness import parameters, start_clock
 
 #: (writer's, reader's) clock period in picoseconds.
 CLOCKS = ((10_000, 10_000), (10_000, 9_998), (10_000, 6_350), (10_000, 21_000))
@@ -69,8 +68,8 @@ class Ports:
             getattr(dut, name).value = 0
         dut.rst.value = 1
         dut.display_rst.value = 1
-        cocotb.start_soon(Clock(dut.clk, clocks[0], unit="ps").start())
-        cocotb.start_soon(Clock(dut.display_clk, clocks[1], unit="ps").start())
+        start_clock(dut.clk, clocks[0])
+        start_clock(dut.display_clk, clocks[1])
         self.memory = Memory(dut, stall, latency, given["seed"])
         self.whole, self.faults = [], 0
 

@@ -3,11 +3,10 @@
 import random
 
 import cocotb
-from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
 from tb.common.sram_model import SRAM
-from tb.harness import parameters
+from tb.harness import parameters, start_clock
 
 P = parameters()
 CLIENTS = P.get("clients", 1)
@@ -51,7 +50,7 @@ class Bench:
         dut.rst.value = 1
         self.clients = [Client(self, index, gap, seed) for index in range(CLIENTS)]
         self.memory = SRAM(dut, seed=seed)
-        cocotb.start_soon(Clock(dut.clk, PERIOD_PS, unit="ps").start())
+        start_clock(dut.clk, PERIOD_PS)
 
     async def reset(self):
         await ClockCycles(self.dut.clk, 2)

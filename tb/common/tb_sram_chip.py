@@ -1,10 +1,10 @@
 """Both models of the memory under the same hand-made waves: good ones, and each fault by itself."""
 
 import cocotb
-from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, FallingEdge, RisingEdge, Timer
 
 from tb.common.sram_model import SRAM
+from tb.harness import start_clock
 
 PERIOD_PS = 62_500
 IDLE = {"address": 0, "data_out": 0, "data_drive": 0, "chip_enable_n": 1, "write_enable_n": 1,
@@ -54,7 +54,7 @@ class Waves:
         dut.rst.value = 1
         self._set(IDLE)
         self.memory = SRAM(dut, strict=False, answers=False)
-        cocotb.start_soon(Clock(dut.clk, PERIOD_PS, unit="ps").start())
+        start_clock(dut.clk, PERIOD_PS)
 
     def _set(self, pins):
         for name, value in pins.items():

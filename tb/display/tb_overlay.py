@@ -2,13 +2,12 @@
 
 import cocotb
 import numpy as np
-from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
 from hdl.display.overlay import DIAMONDS
 from hdl.payloads import OverlaySpot
 from model.display.vga import draw_diamond
-from tb.harness import parameters
+from tb.harness import parameters, start_clock
 from tb.native_block import pack
 
 NONE, OK, OTHER = range(3)
@@ -26,8 +25,8 @@ class Ports:
             getattr(dut, name).value = 0
         dut.rst.value = 1
         dut.display_rst.value = 1
-        cocotb.start_soon(Clock(dut.clk, sync_ps, unit="ps").start())
-        cocotb.start_soon(Clock(dut.display_clk, display_ps, unit="ps").start())
+        start_clock(dut.clk, sync_ps)
+        start_clock(dut.display_clk, display_ps)
 
     async def begin(self):
         await ClockCycles(self.dut.clk, 5)

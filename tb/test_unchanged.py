@@ -250,6 +250,13 @@ def test_writes():
         assert run(repository, "tb/test_writes.py")[0] == {"passed": 1}
 
 
+def test_a_file_that_cannot_be_collected_is_an_error(repository):
+    write(repository, "hdl/inner.py", "VALUE\n")
+    for _ in range(2):
+        counts, said = run(repository, UNIT)
+        assert counts == {"error": 1} and "NameError: name 'VALUE' is not defined" in said
+
+
 def test_long_ones_come_first(repository):
     write(repository, "tb/durations.txt", f"60 {FINDS}::test_found\n9 {UNIT}::test_value[2]\n")
     said = run(repository, "-vv", skip=False)[1]

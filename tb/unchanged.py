@@ -106,12 +106,10 @@ class Ledger(_Known):
         node.workerinput["unchanged"] = self.known
 
     def pytest_report_teststatus(self, report):
-        if dict(report.user_properties).get("unchanged"):
-            return "unchanged", "u", "UNCHANGED"
-        return None
+        return ("unchanged", "u", "UNCHANGED") if _is_unchanged(report) else None
 
     def pytest_runtest_logreport(self, report):
-        if dict(report.user_properties).get("unchanged"):
+        if _is_unchanged(report):
             return
         phases, seconds = self._results.setdefault(report.nodeid, ({}, []))
         phases[report.when] = (
@@ -163,6 +161,11 @@ class Ledger(_Known):
 
     def _file(self, test):
         return self.folder / f"{test.removesuffix('.py').replace('/', '.')}.json"
+
+
+def _is_unchanged(report):
+    """Of a test or, which has no such properties, of a file that cannot be collected."""
+    return dict(getattr(report, "user_properties", ())).get("unchanged", False)
 
 
 def _durations():

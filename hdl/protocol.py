@@ -299,7 +299,7 @@ STATUS_FIELDS = (
     Field("bad_sync", 8, "frames that lost synchronism"),
     Field("overrun", 8, "pixels lost between the clocks"),
     Field("skipped", 8, "frames skipped because a buffer was full"),
-    Field("commands", 16, "commands carried out"),
+    Field("accepted", 16, "commands carried out"),
     Field("refused", 16, "commands refused"),
     Field("damaged", 16, "packets from the host with a wrong check"),
     Field("framing", 8, "characters from the host without a stop bit"),

@@ -1,7 +1,5 @@
 """What the chip does with the host's commands: octets in, replies and new state out."""
 
-import zlib
-
 from hdl.protocol import (
     CONTENT_LIMIT,
     IDENTITY_FIELDS,
@@ -14,10 +12,11 @@ from hdl.protocol import (
     PacketKind,
     Reason,
     registers,
-    tables,
 )
 
 from .receiver import PacketReceiver
+from .reply_fields import field_octets
+from .table_access import TableStore
 
 __all__ = ["CommandMachine", "Refused"]
 
@@ -30,7 +29,7 @@ _DATA_LIMIT = CONTENT_LIMIT - 9
 
 
 class Refused(Exception):  # noqa: N818
-    """Raised by what may not be; ``args[0]`` is the :class:`Reason`."""
+    """Raised by a command that is refused; ``args[0]`` is the :class:`Reason`."""
 
 
 def _number(octets):
@@ -44,19 +43,19 @@ class CommandMachine:
     ----------
     written, acting : dict of int by register
         Values as they were written, and as they act.
-    tables : list of two lists of lists of int
-        Words by bank, table and address. Both banks hold the same list of what has one bank.
-    bank, tables_valid, begun, committed : int and three bools
-        Bank that acts; whether it was checked; whether BEGIN opened a new set; whether that waits
+    tables : :class:`model.link.table_access.TableStore`
+        The words of all tables.
+    tables_valid, begun, committed : bool
+        Whether the bank that acts was checked; whether BEGIN opened a new set; whether that waits
         for its frame.
     capture : int
         Milliseconds that the last CAPTURE gave.
     cleared : int
         How often CLEAR came.
     ready : bool
-        Whether spots leave the tables alone.
+        Whether no spot needs the tables.
     status : dict of int
-        What STATUS tells and other blocks know, by field; ``state`` holds only their bits.
+        What STATUS reports from other blocks, by field; ``state`` holds only their bits.
     """
 
     def __init__(self, width, height, beams, lanes, preset="capsule", clock_hz=16_000_000,
@@ -65,12 +64,8 @@ class CommandMachine:
         self.written = {entry.name: entry.reset for entry in self.registers.values()}
         self.acting = dict(self.written)
         self._mode_written = False
-        self.kinds = tables(preset)
-        self.counts = [table.count(beams, width * height) for table in self.kinds]
-        first = [[0] * count for count in self.counts]
-        self.tables = [first, [list(words) if table.banked else words
-                               for table, words in zip(self.kinds, first, strict=True)]]
-        self.bank = 0
+        self.tables = TableStore(preset, beams, width * height)
+        self.kinds, self.counts = self.tables.kinds, self.tables.counts
         self.tables_valid = self.begun = self.committed = False
         self.capture = self.cleared = 0
         self.ready = True
@@ -84,6 +79,15 @@ class CommandMachine:
             "clock_khz": clock_hz // 1000}
         self._receiver = PacketReceiver()
 
+    @property
+    def bank(self):
+        """Bank of the tables that acts."""
+        return self.tables.bank
+
+    def checks(self):
+        """The CRC-32 of each table of the new set."""
+        return self.tables.checks()
+
     # From the rest of the chip.
 
     def hand_over(self):
@@ -91,7 +95,7 @@ class CommandMachine:
         self.acting = dict(self.written)
         self._mode_written = False
         if self.committed:
-            self.bank ^= 1
+            self.tables.swap()
             self.tables_valid, self.committed = True, False
 
     def single_done(self):
@@ -123,7 +127,7 @@ class CommandMachine:
             data = self._carry_out(command, parameters)
         except Refused as refused:
             reason = refused.args[0]
-        self._count("refused" if reason else "commands")
+        self._count("refused" if reason else "accepted")
         return bytes([PacketKind.REPLY, tag, command, reason]) + data
 
     def _count(self, name):
@@ -141,15 +145,13 @@ class CommandMachine:
         return getattr(self, "_" + command.name.lower())(parameters) or b""
 
     def _identify(self, _):
-        return b"".join(self._identity[field.name].to_bytes(field.bits // 8, "little")
-                        for field in IDENTITY_FIELDS)
+        return field_octets(IDENTITY_FIELDS, self._identity)
 
     def _status(self, _):
         mine = (self.tables_valid | bool(self.capture) << 2 | self.committed << 3 | self.bank << 4
                 | self.acting["mode"] << 5)
         values = {**self.status, "state": self.status["state"] | mine}
-        return b"".join(values[field.name].to_bytes(field.bits // 8, "little")
-                        for field in STATUS_FIELDS)
+        return field_octets(STATUS_FIELDS, values)
 
     def _register(self, address):
         if address not in self.registers:
@@ -183,13 +185,12 @@ class CommandMachine:
             raise Refused(Reason.BUSY)
         self.begun = True
 
-    def _words(self, number, first, count):
-        """A table of the new set, if it has those words and may be used."""
+    def _require(self, number, first, count):
+        """Refuse words that a table does not have, or that may not be accessed now."""
         if not count or first + count > self.counts[number]:
             raise Refused(Reason.OUT_OF_RANGE)
         if self.committed or not self.ready:
             raise Refused(Reason.BUSY)
-        return self.tables[1 - self.bank][number]
 
     def _table(self, parameters):
         number, first, octets = parameters[0], _number(parameters[1:3]), parameters[3:]
@@ -199,7 +200,7 @@ class CommandMachine:
         count, rest = divmod(len(octets), table.octets)
         if rest:
             raise Refused(Reason.WRONG_LENGTH)
-        words = self._words(number, first, count)
+        self._require(number, first, count)
         if not self.begun:
             raise Refused(Reason.NO_BEGIN)
         if not table.banked:
@@ -207,23 +208,17 @@ class CommandMachine:
                 raise Refused(Reason.NOT_STOPPED)
             self.tables_valid = False
         for index in range(count):
-            word = _number(octets[table.octets * index:table.octets * (index + 1)])
-            words[first + index] = word & ((1 << table.bits) - 1)
+            word = octets[table.octets * index:table.octets * (index + 1)]
+            self.tables.write(number, first + index, _number(word))
 
     def _read_table(self, parameters):
         number, first, count = parameters[0], _number(parameters[1:3]), parameters[3]
         if number >= len(self.kinds):
             raise Refused(Reason.UNKNOWN_TABLE)
-        octets = self.kinds[number].octets
-        if count * octets > _DATA_LIMIT:
+        if count * self.kinds[number].octets > _DATA_LIMIT:
             raise Refused(Reason.OUT_OF_RANGE)
-        words = self._words(number, first, count)
-        return b"".join(word.to_bytes(octets, "little") for word in words[first:first + count])
-
-    def checks(self):
-        """The CRC-32 of each table of the new set."""
-        return [zlib.crc32(b"".join(word.to_bytes(table.octets, "little") for word in words))
-                for table, words in zip(self.kinds, self.tables[1 - self.bank], strict=True)]
+        self._require(number, first, count)
+        return self.tables.octets(number, first, count)
 
     def _commit(self, parameters):
         if self.committed or not self.ready:

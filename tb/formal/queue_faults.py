@@ -83,11 +83,7 @@ FAULTS = (
     Fault("camera: a pixel that waits is skipped", "hdl.acquisition.camera", "Camera", (
         ("queue.r_en.eq(self.o.ready)", "queue.r_en.eq(1)"),), ("o",),
         arguments={"width": 8, "height": 4}),
-    Fault("commands: the memory is not waited for", "hdl.link.commands", "Commands", (
-        ("""m.d.comb += memory.valid.eq(1)
-                        with m.If(memory.ready):
-""", """m.d.comb += memory.valid.eq(1)
-                        with m.If(C(1)):
-"""),), ("memory",), arguments={
-            "width": 16, "height": 16, "beams": 1, "lanes": 1, "preset": "paper"}, depth=30),
+    Fault("table_access, paper: the memory is not waited for", "hdl.link.table_access",
+          "TableAccess", (("with m.If(self.memory.ready):", "with m.If(C(1)):"),), ("memory",),
+          arguments={"preset": "paper"}),
 )

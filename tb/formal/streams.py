@@ -255,6 +255,17 @@ def _receiver(m, block, g, inside):
     formal.claim(m, "link_spoilt", ~(held & ended) | ~g["whole"])
 
 
+def _table_access(m, block, g, inside):
+    # An access and all that belongs to it stay until it is done.
+    waits = Signal(reset_less=True)
+    m.d.sync += waits.eq((block.write | block.read) & ~block.done & ~ResetSignal())
+    request = Cat(block.write, block.read, block.number, block.address, block.word,
+                  block.octet_select)
+    before = _past(m, request, "request_before")
+    formal.assume(m, "request", ~waits | (request == before))
+    formal.assume(m, "kind", ~(block.write & block.read))
+
+
 def _commands(m, block, g, inside):
     # The buffer shows the octet of the address of the clock before.
     address = _past(m, block.address, "address_before")
@@ -262,7 +273,7 @@ def _commands(m, block, g, inside):
     m.d.sync += stays.eq((address == block.address) & ~block.write_enable)
     data = _past(m, block.data, "data_before")
     formal.assume(m, "buffer", ~stays | (block.data == data))
-    formal.claim(m, "link_shown", ~g["shown"] | (address == block.address))
+    formal.claim(m, "link_shown", ~g["data_valid"] | (address == block.address))
 
 
 def _framer(m, block, g, inside):
@@ -330,6 +341,8 @@ CASES = {
     "image_bank": Case(_image_bank),
     "remap": Case(_remap),
     "receiver": Case(_receiver),
+    "table_access": Case(_table_access),
+    "table_access, paper": Case(_table_access),
     "commands": Case(_commands),
     "commands, paper": Case(_commands),
     "camera": Case(_camera, clocks=("sync", "pixel"), resets=False),

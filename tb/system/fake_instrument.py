@@ -175,10 +175,9 @@ class FakeInstrument:
             self.counters["packets"] = (self.counters["packets"] + 1) & 0xFFFF
 
     def _settings(self):
-        machine = self.machine
+        tables = self.machine.tables
         return Settings.from_chip(self.registers, {
-            table.name: words for table, words in zip(
-                machine.kinds, machine.tables[machine.bank], strict=True)})
+            table.name: tables.words(table.number, acting=True) for table in tables.kinds})
 
     def _hand_over(self):
         """Registers and tables that were written begin to act."""
@@ -223,7 +222,7 @@ class FakeInstrument:
         elif command == Command.CLEAR:
             self.guard_causes = 0
         if self.forgetful:
-            machine.tables[1 - machine.bank][_RADIAL][100] |= 1
+            machine.tables.words(_RADIAL)[100] |= 1
         if self.registers["mode"] == Mode.STOP:
             self._hand_over()
         return reply[3], reply[4:]

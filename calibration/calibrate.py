@@ -10,7 +10,7 @@ from calibration.lens import LensReport, calibrate_lens
 from calibration.lines import BeamLines, Observations, check_planes, fit_lines
 from calibration.reciprocal import reciprocal_table
 from calibration.remap import remap_settings
-from calibration.spots import find_spots
+from calibration.spots import plane_spots
 from calibration.tables import Tables, Windows, build_tables, choose_windows
 from calibration.undistortion import undistortion_settings
 from model.errors import UserError
@@ -183,6 +183,6 @@ def calibrate(capture, options, progress=None):
     settings = with_lens(options.settings, lens)
     if options.remapped:
         settings = replace(settings, **remap_settings(lens))
-    planes = [find_spots(name, z_mm, image, settings, lens)
+    planes = [plane_spots(name, z_mm, image, settings, lens)
               for name, z_mm, image in counted("plane frames", capture.plane_images())]
     return calibrate_beams(planes, capture.projector, lens, lens_report, options, settings)

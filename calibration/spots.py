@@ -3,27 +3,22 @@
 import numpy as np
 
 from calibration.identity import PlaneSpots
-from model.paper import corrected_spots
-from model.preprocessing.binarise import binarise
+from model import paper
 from model.preprocessing.centre import centres
-from model.preprocessing.erosion import erode
-from model.preprocessing.histogram import histogram
-from model.preprocessing.labelling import label
-from model.preprocessing.spot_queue import filter_spots
-from model.preprocessing.threshold import threshold
+from model.preprocessing.front_chain import find_spots, measure_level
 
-__all__ = ["find_spots"]
+__all__ = ["plane_spots"]
 
 #: Image coordinates have 9 bits behind the binary point.
 _LSB_PX = 1 / 512
 
 
-def find_spots(name, z_mm, image, settings, lens):
+def plane_spots(name, z_mm, image, settings, lens):
     """Spots of one plane frame.
 
-    The threshold is learnt on the frame itself, as in the second showing of a frame; the centres
-    are the chip's, undistorted in float; with a remap table in ``settings``, they are those of
-    the corrected image, as the preset ``paper`` has them.
+    The threshold is measured on the frame itself, as if the frame came twice; the centres are the
+    chip's, undistorted in float; with a remap table in ``settings``, they are those of the
+    corrected image, as the preset ``paper`` has them.
 
     Parameters
     ----------
@@ -42,27 +37,18 @@ def find_spots(name, z_mm, image, settings, lens):
     -------
     :class:`calibration.identity.PlaneSpots`
     """
-    if settings.remap:
-        return _corrected(name, z_mm, image, settings, lens)
+    corrected = bool(settings.remap)
     level = settings.level_fixed
     if level is None:
-        level = int(threshold(histogram(image), settings.threshold_alpha))
-    lit, excess = binarise(image, level)
-    lit, core = erode(lit, settings.erosion)
-    spots, _ = filter_spots(label(lit, core, excess, settings.weighted), settings)
+        level = measure_level(image, settings, whole=corrected)
+    spots, _ = find_spots(image, level, settings, paper.LABELS if corrected else None)
     spots = spots[spots["rejected"] == 0]
-    u, v = (np.asarray(place, float) * _LSB_PX for place in centres(spots, settings.reciprocal))
-    x, y = lens.undistort(u, v)
+    u, v = (np.asarray(axis, float) * _LSB_PX for axis in centres(spots, settings.reciprocal))
+    if corrected:
+        x, y = (axis - middle for axis, middle in zip((u, v), lens.centre, strict=True))
+        u, v = lens.distort(x, y)
+    else:
+        x, y = lens.undistort(u, v)
     good = np.isfinite(x) & np.isfinite(y)
     return PlaneSpots(name=name, z_mm=float(z_mm), u=u[good], v=v[good], x=x[good], y=y[good],
                       area=np.asarray(spots["area"])[good], level=level)
-
-
-def _corrected(name, z_mm, image, settings, lens):
-    level, spots, _ = corrected_spots(image, settings)
-    spots = spots[spots["rejected"] == 0]
-    x, y = (place * _LSB_PX - middle for place, middle in zip(
-        centres(spots, settings.reciprocal), lens.centre, strict=True))
-    u, v = lens.distort(x, y)
-    return PlaneSpots(name=name, z_mm=float(z_mm), u=u, v=v, x=x, y=y,
-                      area=np.asarray(spots["area"]), level=level)

@@ -4,19 +4,14 @@ import numpy as np
 
 from model.link.point_limiter import limit_points
 from model.link.points import PatternFrame
-from model.preprocessing.binarise import binarise
-from model.preprocessing.erosion import erode
-from model.preprocessing.histogram import histogram
-from model.preprocessing.labelling import label
-from model.preprocessing.spot_queue import filter_spots
-from model.preprocessing.threshold import threshold
+from model.preprocessing.front_chain import find_spots, measure_level
 from model.reconstruction import reconstruct
 
 __all__ = ["Capsule", "checked"]
 
 
 def checked(image, width, height):
-    """The image as an array; refuses what has not the sensor's size and 8 bits."""
+    """The image as an array; ValueError unless it has the sensor's size and 8 bits."""
     image = np.asarray(image)
     if image.shape != (height, width) or image.dtype != np.uint8:
         raise ValueError(f"A frame must have {width} x {height} pixels of 8 bits, "
@@ -27,9 +22,9 @@ def checked(image, width, height):
 class Capsule:
     """Frames in their order, each to what the chip would send of it.
 
-    The only state between frames is the threshold, learnt on the frame before, and the frame's
-    number. Queues are without end: where the chip has to drop spots for want of room, its points
-    are a part of these.
+    The only state between frames is the threshold, measured on the frame before, and the frame's
+    number. Queues never overflow: if the chip's buffer is full and it drops spots, its points are a
+    part of these.
 
     Parameters
     ----------
@@ -73,16 +68,13 @@ class Capsule:
         else:
             result = self._measure(image, level)
         if fixed is None:
-            self._level = int(threshold(histogram(image), self.settings.threshold_alpha))
+            self._level = measure_level(image, self.settings)
         self.number = (self.number + 1) & 0xFFFF
         return result
 
     def _measure(self, image, level):
-        settings = self.settings
-        lit, excess = binarise(image, level)
-        lit, core = erode(lit, settings.erosion)
-        spots, counts = filter_spots(label(lit, core, excess, settings.weighted), settings)
-        points = reconstruct(spots, settings, self.width, self.height)
+        spots, counts = find_spots(image, level, self.settings)
+        points = reconstruct(spots, self.settings, self.width, self.height)
         points, dropped = limit_points(points, self.points_max)
         return PatternFrame(points=points, number=self.number, level=level, dropped=dropped,
                             spots=counts["spots"], rejected=counts["rejected"])

@@ -3,59 +3,22 @@
 from model.capsule import checked
 from model.link.point_limiter import limit_points
 from model.link.points import PatternFrame
-from model.preprocessing.binarise import binarise
-from model.preprocessing.erosion import erode
-from model.preprocessing.histogram import histogram
-from model.preprocessing.remap import remap
-from model.preprocessing.spot_queue import filter_spots
-from model.preprocessing.threshold import threshold
-from model.preprocessing.two_pass_labelling import label_in_two_passes
+from model.preprocessing.front_chain import find_spots, measure_level
+from model.preprocessing.spot_queue import COUNT_LIMIT
 from model.reconstruction import reconstruct
 
-__all__ = ["LABELS", "Paper", "corrected_spots"]
+__all__ = ["LABELS", "Paper"]
 
 #: Provisional labels of a frame in the preset.
 LABELS = 1023
-_COUNT_LIMIT = 0xFFFF
-
-
-def corrected_spots(image, settings, labels=LABELS):
-    """Level of an image, and the components of its corrected image as the spot queue keeps them.
-
-    The level is learnt on the image itself, all of it, before it is corrected. All pixels weigh 1.
-
-    Parameters
-    ----------
-    image : array (height, width) of uint8
-        Grey values.
-    settings : :class:`model.settings.Settings`
-        Registers and tables.
-    labels : :class:`int`
-        Provisional labels of a frame.
-
-    Returns
-    -------
-    level, spots, counts
-        The latter two from :func:`model.preprocessing.spot_queue.filter_spots`; components that
-        found no label are among ``spots`` and ``dropped``.
-    """
-    level = settings.level_fixed
-    if level is None:
-        level = int(threshold(histogram(image, whole=True), settings.threshold_alpha))
-    lit, _ = binarise(remap(image, settings.remap), level)
-    lit, core = erode(lit, settings.erosion)
-    found, unlabelled = label_in_two_passes(lit, core, labels)
-    spots, counts = filter_spots(found, settings)
-    for name in ("spots", "dropped"):
-        counts[name] = min(counts[name] + unlabelled, _COUNT_LIMIT)
-    return level, spots, counts
 
 
 class Paper:
     """Frames in their order, each to what the chip would send of it.
 
-    Nothing but the frame's number lasts from one frame to the next. Queues are without end: where
-    the chip has to drop spots for want of room, its points are a part of these.
+    The only state between frames is the frame's number: the threshold is measured on the frame
+    itself. Queues never overflow: if the chip's buffer is full and it drops spots, its points are a
+    part of these.
 
     Parameters
     ----------
@@ -85,7 +48,7 @@ class Paper:
         Returns
         -------
         :class:`model.link.points.PatternFrame`
-            Points and counts; u and v are places in the corrected image.
+            Points and counts; u and v are positions in the corrected image.
 
         Raises
         ------
@@ -94,10 +57,13 @@ class Paper:
         """
         image = checked(image, self.width, self.height)
         settings = self.settings
-        level, spots, counts = corrected_spots(image, settings, self.labels)
+        level = settings.level_fixed
+        if level is None:
+            level = measure_level(image, settings, whole=True)
+        spots, counts = find_spots(image, level, settings, self.labels)
         points = reconstruct(spots, settings, self.width, self.height)
         points, beyond = limit_points(points, self.points_max)
-        dropped = min(counts["dropped"] + beyond, _COUNT_LIMIT)
+        dropped = min(counts["dropped"] + beyond, COUNT_LIMIT)
         number, self.number = self.number, (self.number + 1) & 0xFFFF
         return PatternFrame(points=points, number=number, level=level, spots=counts["spots"],
                             rejected=counts["rejected"], dropped=dropped)

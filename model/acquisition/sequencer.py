@@ -1,4 +1,4 @@
-"""Which frames are taken and when, worked out event by event from what happens around.
+"""Which frames are taken and when, event by event from what imager, guard and host do.
 
 Clocks are counted from the first one after reset. A microsecond ends with every clock that leaves
 the remainder C - 1 when divided by C, the clocks of a microsecond.
@@ -31,14 +31,14 @@ class Registers:
 class Readout:
     """What the imager does after an integration; clocks, None for what never happens.
 
-    ``begun``: first pixel; ``over``: last pixel, or loss of synchronism; ``whole`` tells which;
-    ``quiet``: from here on it no longer says that a frame is on.
+    ``begun``: first pixel; ``over``: last pixel if ``whole``, else loss of synchronism;
+    ``idle_from``: first clock in which it no longer says that it sends a frame.
     """
 
     begun: int | None = None
     over: int | None = None
     whole: bool = True
-    quiet: int = 0
+    idle_from: int = 0
 
 
 @dataclass
@@ -48,16 +48,16 @@ class Frame:
     texture: bool
     start: int  # clock of `frame_start`
     pins: dict = field(default_factory=dict)  # see `exposure`
-    asked: bool = False  # for the laser
-    picture: bool = False  # tagged as texture
+    laser_requested: bool = False
+    as_texture: bool = False  # tagged as texture
     exposure_us: int = 0
     timestamp_us: int = 0
     outcome: str = ""  # whole, broken or missing
-    over: int = 0  # clock in which that is known
+    over: int = 0  # clock in which the outcome is known
 
 
 def pair_us(registers, readout_us):
-    """Microseconds that a pair's frames need, with read-outs of so many microseconds each."""
+    """Microseconds that a pair's frames need, with read-outs of ``readout_us`` each."""
     return (registers.pattern_reset_us + registers.pattern_us
             + registers.texture_reset_us + registers.texture_us + 2 * readout_us)
 
@@ -70,7 +70,7 @@ class Schedule:
     clock_hz : :class:`int`
         Clock.
     registers : list of (clock, :class:`Registers`)
-        Values and the first clocks in which they are there, in order, from clock 0.
+        Values and the first clock of each, in order, from clock 0.
     sensor : callable
         Takes the number of the frame and the clock after its integration; returns a `Readout`.
     armed : callable
@@ -84,7 +84,7 @@ class Schedule:
     ----------
     frames : list of `Frame`
     starts : list of (clock, texture)
-        Every ``frame_start``, also those at which nothing follows since the mode has changed.
+        Every ``frame_start``, also those that no frame follows because the mode has changed.
     late : list of :class:`int`
         Clocks from which a pair is counted as late.
     running : list of (clock, clock)
@@ -98,8 +98,8 @@ class Schedule:
         self.sensor, self.armed = sensor, armed
         self.begin_us, self.frame_us, self.warm_up_us = begin_us, frame_us, warm_up_us
         self.frames, self.starts, self.running, self.late = [], [], [], []
-        self.wish = True
-        self.wished = 0  # up to this clock, `wish` is worked out
+        self.single_pending = True
+        self.pending_known = 0  # up to this clock, `wish` is worked out
         clock = 0
         while clock < until:
             clock = self._run(clock, until)
@@ -116,12 +116,12 @@ class Schedule:
         return (first // self.clocks + microseconds) * self.clocks
 
     def _stopped(self, clock, texture=False):
-        for before in range(self.wished, clock):
+        for before in range(self.pending_known, clock):
             if self._now(before).mode != SINGLE:
-                self.wish = True
-        self.wished = max(self.wished, clock)
+                self.single_pending = True
+        self.pending_known = max(self.pending_known, clock)
         mode = self._now(clock).mode
-        return mode == STOP or mode == SINGLE and not self.wish and not texture
+        return mode == STOP or mode == SINGLE and not self.single_pending and not texture
 
     def _run(self, idle, until):
         """From one stop to the next."""
@@ -131,7 +131,7 @@ class Schedule:
             if clock >= until:
                 return clock
         self.running.append([clock + 1, None])
-        begin, texture, self.warm = clock + 1, False, clock + 1
+        begin, texture, self.warm_since = clock + 1, False, clock + 1
         while begin < until:
             self.starts.append((begin, texture))
             take = begin + 1
@@ -139,21 +139,21 @@ class Schedule:
                 self.running[-1][1] = take + 1
                 return take + 1
             values = self._now(take)
-            dark = False
+            warm_up_frame = False
             if texture and values.mode == PATTERN:
                 wait = take + 1
             else:
                 if not texture:
                     if self.armed(take):
-                        self.warm = take + 1
-                    dark = (not self.armed(take)
-                            and self._ticks(self.warm, take - 1) < self.warm_up_us)
+                        self.warm_since = take + 1
+                    warm_up_frame = (not self.armed(take)
+                            and self._ticks(self.warm_since, take - 1) < self.warm_up_us)
                     pair, period_us = take + 1, values.period_us
-                    self.wished = take
-                    if not dark:
-                        self.wish = False
+                    self.pending_known = take
+                    if not warm_up_frame:
+                        self.single_pending = False
                 wait = self._frame(texture, begin, take, values) + 2
-                if not texture and not dark and values.mode != PATTERN:
+                if not texture and not warm_up_frame and values.mode != PATTERN:
                     begin, texture = wait, True
                     continue
             clock, texture = wait, False
@@ -162,8 +162,8 @@ class Schedule:
                     self.running[-1][1] = clock + 1
                     return clock + 1
                 left = max(0, period_us - self._ticks(pair, clock - 1))
-                if (clock + 1) % self.clocks == 0 and (dark or left <= 1):
-                    if not dark and not left:
+                if (clock + 1) % self.clocks == 0 and (warm_up_frame or left <= 1):
+                    if not warm_up_frame and not left:
                         self.late.append(clock + 1)
                     break
                 clock += 1
@@ -173,14 +173,14 @@ class Schedule:
         return begin
 
     def _frame(self, texture, begin, take, values):
-        """A frame; the clock in which it is known to be over."""
+        """Take a frame; returns the clock in which it is known to be over."""
         frame = Frame(texture, begin)
-        frame.asked = not texture and bool(self.armed(take))
+        frame.laser_requested = not texture and bool(self.armed(take))
         times = (values.texture_reset_us, values.texture_us) if texture else (
             values.pattern_reset_us, values.pattern_us)
-        frame.picture = bool(texture or values.pattern_as_texture and values.mode == PATTERN)
+        frame.as_texture = bool(texture or values.pattern_as_texture and values.mode == PATTERN)
         frame.exposure_us = max(1, times[1])
-        frame.pins = exposure(self.clock_hz, *times, frame.asked, take)
+        frame.pins = exposure(self.clock_hz, *times, frame.laser_requested, take)
         frame.timestamp_us = frame.pins["sensor_integrate"][0] // self.clocks
         read = frame.pins["integrated"] + 1
         readout = self.sensor(len(self.frames), read - 1)
@@ -193,8 +193,8 @@ class Schedule:
         else:
             frame.outcome = "whole" if readout.whole else "broken"
             frame.over = max(readout.over + 1, frame.pins["done"],
-                             min(readout.quiet, max(too_long, readout.over + 1)))
+                             min(readout.idle_from, max(too_long, readout.over + 1)))
         if frame.outcome != "whole":
-            self.warm = 1 + (frame.over if frame.outcome == "missing" else readout.over)
+            self.warm_since = 1 + (frame.over if frame.outcome == "missing" else readout.over)
         self.frames.append(frame)
         return frame.over

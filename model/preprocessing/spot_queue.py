@@ -2,17 +2,18 @@
 
 import numpy as np
 
-__all__ = ["QUEUED_DTYPE", "filter_spots"]
+__all__ = ["COUNT_LIMIT", "QUEUED_DTYPE", "filter_spots"]
 
 QUEUED_DTYPE = np.dtype([
     ("rejected", "?"), ("area", "i4"), ("weight", "i4"), ("sum_u", "i4"), ("sum_v", "i4")])
 
-_COUNT_LIMIT = 0xFFFF
+#: Counters stop here.
+COUNT_LIMIT = 0xFFFF
 _LARGEST_AREA = 255
 
 
 def filter_spots(spots, settings):
-    """Screen a frame's components by area and core, as a queue without end would.
+    """Filter a frame's components by area and core, as a queue that is never full would.
 
     A component is rejected if its area lies outside ``area_min`` to ``area_max`` (both included)
     or if no pixel of it survived the erosion. Rejected ones are counted; they go on, marked, only
@@ -29,7 +30,7 @@ def filter_spots(spots, settings):
     -------
     array of :data:`QUEUED_DTYPE`, dict
         What goes on, in the same order; ``spots`` and those ``rejected`` that do not go on,
-        saturated at 65,535, and ``dropped``, which is 0: only a queue that ends has to drop.
+        saturated at 65,535, and ``dropped``, which is 0: only a full queue drops spots.
     """
     area = spots["area"]
     rejected = (area < settings.area_min) | (area > settings.area_max) | ~spots["core"]
@@ -39,8 +40,8 @@ def filter_spots(spots, settings):
     for name in ("area", "weight", "sum_u", "sum_v"):
         queued[name] = spots[name][kept]
     counts = {
-        "spots": min(len(spots), _COUNT_LIMIT),
-        "rejected": min(np.count_nonzero(~kept), _COUNT_LIMIT),
+        "spots": min(len(spots), COUNT_LIMIT),
+        "rejected": min(np.count_nonzero(~kept), COUNT_LIMIT),
         "dropped": 0,
     }
     return queued, counts

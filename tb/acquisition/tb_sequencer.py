@@ -24,11 +24,11 @@ QUICK = Registers(CONTINUOUS, 140, 3, 4, 2, 30)
 
 
 class SequencerBench(Bench):
-    """An imager and a guard that do as they are told, and a record of all outputs.
+    """An imager and a guard that follow a plan, and a record of all outputs.
 
-    ``plan``: for each frame (first pixel, end, whole, quiet), in clocks after the integration,
+    ``plan``: for each frame (first pixel, end, whole, idle_from), in clocks after the integration,
     None for what never comes; the last entry is used for all further frames. ``lit``: which frames
-    are lit, whatever was asked. ``armed`` and ``registers``: (clock, value) in order.
+    are lit, whatever was requested. ``armed`` and ``registers``: (clock, value) in order.
     """
 
     def __init__(self, dut, plan, registers, armed=((0, 1),), lit=None):
@@ -39,7 +39,7 @@ class SequencerBench(Bench):
             **vars(registers[0][1]), "frame_begun": 0, "frame_ended": 0,
             "frame_broken": 0, "sending": 0, "laser_armed": armed[0][1], "lit": 0, "capture": 0})
         self.edges = {name: [] for name in (*PINS, *NUMBERS, "tag")}
-        self.frames = self.sending = self.quiet = 0
+        self.frames = self.sending = self.idle_from = 0
         self.zero = None
 
     @property
@@ -113,7 +113,7 @@ class SequencerBench(Bench):
             self.dut.lit.value, self.dut.capture.value = 0, 0
 
     async def _frame(self, number, end):
-        dut, (begun, over, whole, quiet) = self.dut, self.entry(number)
+        dut, (begun, over, whole, idle_from) = self.dut, self.entry(number)
         events = []
         if begun is not None:
             events += [(begun, "frame_begun", 1), (begun + 1, "frame_begun", 0),
@@ -121,7 +121,7 @@ class SequencerBench(Bench):
             if over is not None:
                 name = "frame_ended" if whole else "frame_broken"
                 events += [(over, name, 1), (over + 1, name, 0)]
-            events.append((quiet, "sending", 0))
+            events.append((idle_from, "sending", 0))
         for clock, name, value in sorted(events, key=lambda event: event[0]):
             await self.until(end + clock)
             if name == "sending":  # a frame that hangs outlasts the next ones
@@ -130,11 +130,11 @@ class SequencerBench(Bench):
             getattr(dut, name).value = value
 
     def sensor(self, number, end):
-        begun, over, whole, quiet = self.entry(number)
+        begun, over, whole, idle_from = self.entry(number)
         if begun is None:
             return Readout()
-        self.quiet = max(self.quiet, end + quiet)
-        return Readout(end + begun, None if over is None else end + over, whole, self.quiet)
+        self.idle_from = max(self.idle_from, end + idle_from)
+        return Readout(end + begun, None if over is None else end + over, whole, self.idle_from)
 
     def schedule(self, until):
         return Schedule(
@@ -172,7 +172,7 @@ class SequencerBench(Bench):
                 if name in edges:
                     edges[name] += times
             lit = bool(self.lit and self.lit(number))
-            tag = (frame.picture | lit << 1 | (number % 3 == 1) << 2 | frame.exposure_us << 3
+            tag = (frame.as_texture | lit << 1 | (number % 3 == 1) << 2 | frame.exposure_us << 3
                    | (frame.timestamp_us & 0xFFFFFF) << 19)
             edges["tag"].append((frame.pins["integrated"] + 1, tag))
             missing, known = int(frame.outcome == "missing"), frame.over + 1
@@ -264,7 +264,7 @@ async def pairs_come_in_time(dut):
     patterns = [taken for taken in schedule.frames if not taken.texture]
     starts = [taken.pins["sensor_integrate"][0] for taken in patterns]
     assert len(starts) > 10 and set(np.diff(starts)) == {140 * clocks} and not schedule.late
-    assert all(taken.asked != taken.texture for taken in schedule.frames)
+    assert all(taken.laser_requested != taken.texture for taken in schedule.frames)
     frames = schedule.frames
     assert [taken.texture for taken in frames] == [n % 2 == 1 for n in range(len(frames))]
     assert frames[1].start == frames[0].start + (3 + 4) * clocks + 2 + (8 + 60) + 3 + 2
@@ -330,7 +330,7 @@ async def single_pairs_wait_for_the_laser(dut):
                          (900 * clocks - 1, Registers(STOP)), (900 * clocks, single)], armed)
     await bench.begin()
     schedule = await bench.check(1800 * clocks)
-    kinds = "".join("T" if taken.texture else "L" if taken.asked else "D"
+    kinds = "".join("T" if taken.texture else "L" if taken.laser_requested else "D"
                     for taken in schedule.frames)
     assert kinds.count("LT") == 2 and kinds.replace("D", "") == "LTLT"
     assert kinds.startswith("DDDD") and "TDDDD" in kinds
@@ -344,7 +344,7 @@ async def single_pair_without_laser(dut):
     bench = SequencerBench(dut, [frame()], [(0, Registers(SINGLE, 140, 3, 4, 2, 30))], [(0, 0)])
     await bench.begin()
     schedule = await bench.check((warm_up_us + 500) * clocks)
-    assert not any(taken.asked for taken in schedule.frames)
+    assert not any(taken.laser_requested for taken in schedule.frames)
     assert [taken.texture for taken in schedule.frames].count(True) == 1
     first, last = schedule.frames[0], schedule.frames[-2]
     assert 0 <= last.start - first.start - warm_up_us * clocks < 40 * clocks

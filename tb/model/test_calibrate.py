@@ -12,7 +12,7 @@ from calibration.calibrate import Options, calibrate_beams, with_lens
 from calibration.lens import LensReport
 from calibration.projector import Projector
 from calibration.remap import remap_table
-from calibration.spots import find_spots
+from calibration.spots import plane_spots
 from model.optics import render, rigs, scenes
 from model.optics.rigs import RIGS
 from model.paper import Paper
@@ -26,7 +26,7 @@ def calibrated(rig, seed, settings, planes=12):
     rng = np.random.default_rng(seed)
     lens = lens_of(rig)
     settings = with_lens(settings, lens)
-    spots = [find_spots(f"{z}.png", z, render.pattern_frame(rig, scenes.Plane(z), rng)[0],
+    spots = [plane_spots(f"{z}.png", z, render.pattern_frame(rig, scenes.Plane(z), rng)[0],
                         settings, lens) for z in rig.calibration_planes(planes)]
     nominal = rigs.nominal(rig, rng)
     projector = Projector(rig.projector.rows, rig.projector.columns, nominal.pitch_deg,

@@ -1,15 +1,12 @@
-"""The chip between the frame gate and the Point FIFO, for measuring it clock by clock."""
+"""The chip from the frame gate to the points, for measuring it clock by clock."""
 
 import numpy as np
-from amaranth.hdl import Module
+from amaranth.hdl import ClockDomain, ClockSignal, Module, ResetSignal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from hdl.capsule_points import CapsulePoints
 from hdl.payloads import GreyPixel, Point
-from hdl.preprocessing.binarise import Binarise
-from hdl.preprocessing.erosion import Erosion
-from hdl.preprocessing.labelling import Labelling
-from hdl.reconstruction import Reconstruction
 from tb.native_block import NativeBlock
 from tb.preprocessing.frames import grey_words
 
@@ -26,24 +23,17 @@ class Chain(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        config = self.config
-        m.submodules.binarise = binarise = Binarise(8)
-        m.submodules.erosion = erosion = Erosion(config.width)
-        m.submodules.labelling = labelling = Labelling(config.width, config.height)
-        m.submodules.reconstruction = reconstruction = Reconstruction(config)
-        connect(m, flipped(self.i), binarise.i)
-        connect(m, binarise.o, erosion.i)
-        connect(m, erosion.o, labelling.i)
-        connect(m, labelling.o, reconstruction.i)
-        connect(m, reconstruction.o, flipped(self.o))
+        m.domains.spot = ClockDomain(local=True)
+        m.submodules.points = points = CapsulePoints(self.config)
+        connect(m, flipped(self.i), points.i)
+        connect(m, points.o, flipped(self.o))
         m.d.comb += [
-            binarise.level.eq(100),
-            binarise.enable.eq(1),
-            erosion.mode.eq(2),
-            labelling.weighted.eq(1),
-            reconstruction.area_min.eq(1),
-            reconstruction.area_max.eq(255),
-            reconstruction.counts.ready.eq(1),
+            ClockSignal("spot").eq(ClockSignal()),
+            ResetSignal("spot").eq(ResetSignal()),
+            points.counts.ready.eq(1),
+            *(getattr(points, name).eq(value) for name, value in {
+                "threshold_fixed": 1, "threshold_level": 100, "erosion_mode": 2, "weighted": 1,
+                "area_min": 1, "area_max": 255}.items()),
         ]
         return m
 

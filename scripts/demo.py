@@ -1,12 +1,14 @@
-"""``make demo``: an instrument that does not exist, from its imager's pins to 3-D points.
+"""``make demo``: the whole instrument in simulation, from its imager's pins to 3-D points.
 
-Simulates a capsule's capture and calibrates it. Then the whole instrument runs as RTL: an imager
-looks at a polyp on a gut wall, the sequencer exposes it with and without the laser, and what comes
-out of the serial line is received and held against the truth. Capture and calibration are kept
+Simulates the capture of an endoscope and calibrates it. Then the whole instrument runs as RTL: the
+imager looks at a polyp on a gut wall, the sequencer exposes it with and without the laser, and the
+points that come over the serial line are compared with the truth. Capture and calibration are kept
 until the programs that made them change.
 """
 
+import argparse
 import hashlib
+import json
 import shutil
 import sys
 import time
@@ -24,25 +26,28 @@ LEAST_FOUND = 0.9
 _MAKERS = ("calibration", "model", "scripts/cyclope/simulate.py", "scripts/cyclope/calibrate.py",
            "scripts/demo.py")
 
-_LEFT = (
+OUTPUTS = (
     ("result/point_cloud.png", "the point cloud, from several sides"),
     ("result/depth_error.png", "errors against the truth, over depth and over the image"),
     ("result/frames/", "pattern frames with spots, beams and epipolar lines"),
-    ("result/texture.png", "the texture as far as it has come"),
+    ("result/texture.png", "the part of the texture that was received"),
     ("result/points.csv", "one row per spot"),
     ("result/points.ply", "the point cloud for MeshLab, CloudCompare or Blender"),
     ("result/frames.csv", "one row per frame: exposure, time, laser, counts"),
     ("result/link.raw", "all octets of the serial line"),
-    ("result/truth.csv", "what the imager really looked at"),
-    ("calibration.json", "what the chip was loaded with"),
-    ("calibration.png", "how well lens and beams were learnt"),
-    ("capture/", "the simulated capture; a capture of yours looks the same"))
-#: Pairs of frames to receive, and scenes that they show in turn.
+    ("result/truth.csv", "the true points of the imager's scenes"),
+    ("result/summary.json", "the figures of the table above"),
+    ("calibration.json", "the calibration that the chip was loaded with"),
+    ("calibration.png", "how well lens and beams fit the capture"),
+    ("capture/", "the simulated capture; yours has the same form"))
+#: Pairs of frames to compare with the truth, and scenes that they show in turn.
 _FRAMES, _SCENES = 24, 12
+#: Pairs to receive: the chip may need one to learn its threshold.
+_RECEIVED = _FRAMES + 1
 
 
 def _stamp():
-    """Changes when anything that makes the capture or the calibration does."""
+    """A hash of all programs that make the capture and the calibration."""
     digest = hashlib.sha256()
     for name in _MAKERS:
         path = ROOT / name
@@ -67,7 +72,7 @@ def _command(*words):
 
 
 def prepare(folder):
-    """Capture and calibration in ``folder``, made anew only if need be; gives their paths."""
+    """Capture and calibration in ``folder``, remade only if necessary; gives their paths."""
     stamp, capture, calibration = folder / "stamp", folder / "capture", folder / "calibration.json"
     wanted = _stamp()
     if stamp.exists() and stamp.read_text() == wanted and capture.exists() and calibration.exists():
@@ -93,13 +98,13 @@ def _run_instrument(folder, calibration):
     emulator = Emulator("polyp", RIGS["endoscope"], seed=2, scenes=_SCENES)
     with Terminal(emulator, speed=None) as terminal:
         _command("load", terminal.path, calibration, "--start")
-        _command("receive", terminal.path, "--calibration", calibration, "--frames", _FRAMES, "-o",
-                 result)
+        _command("receive", terminal.path, "--calibration", calibration, "--frames", _RECEIVED,
+                 "-o", result)
     return emulator
 
 
-def _judge(folder, calibration_path, emulator):
-    """Pictures, and points against truth: gives the accuracy."""
+def _evaluate(folder, calibration_path, emulator):
+    """Draw frames and plots, compare the points with the truth; gives the figures."""
     import csv
 
     import numpy as np
@@ -107,6 +112,7 @@ def _judge(folder, calibration_path, emulator):
 
     from calibration import file
     from scripts.results.accuracy import compare, load_points, load_truth
+    from scripts.results.demo_figures import figures
     from scripts.results.overlay import beam_segments, draw_frame, write_picture
     from scripts.results.points import FrameResult
     from scripts.results.report_plots import plot_cloud, plot_error
@@ -118,7 +124,8 @@ def _judge(folder, calibration_path, emulator):
     points, truth = load_points(result / "points.csv"), load_truth(result / "truth.csv")
     with open(result / "frames.csv", newline="") as table:
         frames = [row for row in csv.DictReader(table)
-                  if row["kind"] == "pattern" and row["laser"] == "on"]
+                  if row["kind"] == "pattern" and row["laser"] == "on"
+                  and "learning" not in row["flags"].split()][:_FRAMES]
     numbers = [int(row["number"]) for row in frames]
     accuracy = compare(points, truth, numbers)
     (result / "frames").mkdir()
@@ -134,29 +141,43 @@ def _judge(folder, calibration_path, emulator):
     plot_cloud(result / "point_cloud.png", points[first], calibration.columns)
     plot_error(result / "depth_error.png", accuracy, calibration.width, calibration.height)
     Console().print(accuracy_table({f"{len(numbers)} frames with the laser on": accuracy}))
-    return accuracy
+    summary = figures(len(numbers), accuracy)
+    (result / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
+    return summary
 
 
-def main(folder=FOLDER):
-    """Run the demonstration in a folder of its own; gives the exit status."""
+def main(folder=FOLDER, readme=None):
+    """Run the demonstration in ``folder``; gives the exit status.
+
+    With ``readme``, write its figures into that file.
+    """
+    from scripts.results.demo_figures import sentence, updated
+
     start = time.monotonic()
     try:
         _, calibration = prepare(folder)
         emulator = _run_instrument(folder, calibration)
-        accuracy = _judge(folder, calibration, emulator)
+        summary = _evaluate(folder, calibration, emulator)
     except UserError as error:
         print(f"cyclope: {error}", file=sys.stderr)
         return 2
     print(f"\nLook at, in {folder}:")
-    for name, purpose in _LEFT:
+    for name, purpose in OUTPUTS:
         print(f"  {name:24} {purpose}")
-    print(f"\ndone in {time.monotonic() - start:.0f} s")
-    if not accuracy.found >= LEAST_FOUND:
-        print(f"cyclope: only {100 * accuracy.found:.0f} % of the beams were found, which a "
+    print(f"\n{sentence(summary)}")
+    print(f"done in {time.monotonic() - start:.0f} s")
+    if readme is not None:
+        readme.write_text(updated(readme.read_text(), summary))
+    if not summary["found"] >= LEAST_FOUND:
+        print(f"cyclope: only {100 * summary['found']:.0f} % of the beams were found, which a "
               "simulated rig should not do.", file=sys.stderr)
         return 1
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    parser = argparse.ArgumentParser(prog="python -m scripts.demo",
+                                     description="Run the demonstration.")
+    parser.add_argument("--readme", action="store_true",
+                        help="write its figures into README.md")
+    sys.exit(main(readme=ROOT / "README.md" if parser.parse_args().readme else None))

@@ -32,13 +32,13 @@ class Camera:
 
     @property
     def matrix(self) -> np.ndarray:
-        """Camera matrix as OpenCV wants it."""
+        """Camera matrix in OpenCV's form."""
         u, v = self.principal_px
         return np.array([[self.focal_px, 0, u], [0, self.focal_px, v], [0, 0, 1.0]])
 
     @property
     def coefficients(self) -> np.ndarray:
-        """Distortion coefficients as OpenCV wants them: k1 k2 p1 p2."""
+        """Distortion coefficients in OpenCV's order: k1 k2 p1 p2."""
         return np.array([self.k1, self.k2, self.p1, self.p2])
 
     def distort(self, normalised: np.ndarray) -> np.ndarray:

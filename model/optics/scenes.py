@@ -190,7 +190,7 @@ def sequence(kind: str, rig, frames: int, rng: np.random.Generator) -> list:
     """`frames` scenes of a kind for a rig, with every visible beam within its range.
 
     Planes run through the whole range, at distances other than those of the calibration; the
-    others change pose, size and place from frame to frame.
+    others change pose, size and position from frame to frame.
     """
     if kind not in KINDS:
         raise UserError(

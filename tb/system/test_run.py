@@ -14,7 +14,8 @@ from hdl.protocol import Flag
 from scripts import demo
 from scripts.cyclope import cli
 from scripts.host.decoder import Frame
-from scripts.results import accuracy, frames, measure, outputs
+from scripts.paths import ROOT
+from scripts.results import accuracy, demo_figures, frames, measure, outputs
 from scripts.results.points import POINT, STATUS
 from scripts.simulation import library as native
 from tb.system.conftest import CACHE
@@ -402,5 +403,11 @@ def test_demo_again_keeps_what_is_there(prepared, capsys):
     said = capsys.readouterr().out
     assert "there already" in said and "mean error" in said and "point_cloud.png" in said
     assert prepared[1].stat().st_mtime_ns == before
-    for name, _ in demo._LEFT:
+    for name, _ in demo.OUTPUTS:
         assert (CACHE / name).exists()
+    summary = json.loads((CACHE / "result" / "summary.json").read_text())
+    assert demo_figures.sentence(summary) in said
+    readme = (ROOT / "README.md").read_text()
+    assert readme.count("<!-- demo: figures -->\n") == 1
+    assert demo_figures.updated(readme, summary) == readme, (
+        "README.md quotes other figures than `make demo` prints: `python -m scripts.demo --readme`")

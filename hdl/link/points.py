@@ -9,39 +9,90 @@ from amaranth.lib.wiring import In, Out
 from ..payloads import Counts, FrameInfo, PacketOctet, Point
 from ..ports import register_ports
 from ..protocol import COMPACT, CONTENT_LIMIT, TRAILER_FIELDS, PacketKind
+from .packet_fields import bits_of_fields, flags_octet
 
 __all__ = ["Points"]
+
+# Where the fields of a point begin in its payload, and where it ends.
+_POINT = Point.as_shape()
+_BEAM, _AREA, _U, _V, _INVERSE_Z = (
+    _POINT[name].offset for name in ("beam", "area", "u", "v", "inverse_z"))
+_END = _POINT.size
 
 _RECORD_BITS = 72
 _RECORDS = 10  # in a full packet
 #: Bits for points: sequence number, kind, frame number and check take the rest.
 _ROOM = 8 * (CONTENT_LIMIT - 7)
-_COUNTS = 7
+#: Counts of the trailer. Those that are counted here leave as one chain of counters.
+_COUNTS = ("spots", "ok", "noise", "ambiguous", "rejected", "dropped", "unlisted")
+_CHAINED = ("ok", "noise", "ambiguous", "rejected", "unlisted")
 _NARROW = sum(field.bits for field in TRAILER_FIELDS)
 #: The most bits in a packet before a point, or before the trailer, of each form.
 _LIMIT_SHORT, _LIMIT_LONG = _ROOM - COMPACT.SHORT_BITS, _ROOM - COMPACT.LONG_BITS
-_LIMIT_NARROW, _LIMIT_WIDE = _ROOM - _NARROW, _ROOM - _NARROW - 8 * _COUNTS
+_LIMIT_NARROW, _LIMIT_WIDE = _ROOM - _NARROW, _ROOM - _NARROW - 8 * len(_COUNTS)
 
-# Places of a point's fields in its payload.
-_BEAM, _AREA, _U, _V, _INVERSE_Z, _END = 3, 10, 18, 36, 54, 72
-# Places of head and trailer in the order of sending; the counts stand at multiples of 16.
-_HEAD, _NUMBER, _BODY, _TAIL_END = 32, 40, 48, 248
+#: Positions of head and trailer in the order of sending: kind, number, and so on; counts have
+#: 16 bits there, and stand at multiples of 16, as does the check.
+_WIDE = dict.fromkeys(_COUNTS, 16)
+_HEAD, _NUMBER, _BODY = 32, 40, 48
+_TRAILER, _TAIL_END = {}, _NUMBER
+for _field in TRAILER_FIELDS:
+    _TRAILER[_field.name] = _TAIL_END
+    _TAIL_END += _WIDE.get(_field.name, _field.bits)
+assert not any(_TRAILER[name] % 16 for name in ("check", *_COUNTS, "flags"))
+
+
+class _Shared:
+    """What the parts of the block share."""
+
+    def __init__(self):
+        #: Position in the point's payload while that is read and written, else the one in head
+        #: and trailer, or in the memory.
+        self.index = Signal(10)
+
+        # The point. It is read once or, where its packet was full, twice; then written.
+        self.is_ok, self.is_record = Signal(), Signal()
+        self.reading, self.writing, self.was_read = Signal(), Signal(), Signal()
+        self.bit = Signal()
+        self.in_v = Signal()
+        self.is_long, self.form_is_long = Signal(), Signal()
+        self.borrow_not, self.ahead, self.too_far = Signal(), Signal(), Signal()
+        self.v_before = Signal(18)
+        self.v_step = Signal()
+
+        # The frame: some of it was taken, and its form.
+        self.in_frame, self.frame_records = Signal(), Signal()
+        self.records = Signal()
+
+        # The memory: a bit of the packet's points, or of the unmatched spots' records.
+        self.store, self.stored_bit, self.to_unmatched = Signal(), Signal(), Signal()
+        self.points_bits, self.unmatched_bits = Signal(10), Signal(10)
+        self.points_full, self.unmatched_full = Signal(), Signal()  # points: with records only
+
+        # The packet: its last one of the frame, the one of the unmatched spots; what is sent of it.
+        self.closing, self.is_unmatched = Signal(), Signal()
+        self.in_body, self.in_trailer = Signal(), Signal()
+        self.shift = Signal()
+        self.field = Signal()
+        self.wide = Signal()
+        self.in_chain = Signal()
+        self.counted, self.carry_in = Signal(), Signal()
 
 
 class Points(wiring.Component):
     """Packs a frame's points as they come, closes the frame with its counts.
 
-    ``hdl/protocol.py`` has the format. Ok points go into packets in the compact form, the first
-    ten others into one packet that follows the frame's last. With ``full_records`` all points go
-    into packets as records. A packet is closed when the next point does not fit, by length alone.
-    Points are collected in a memory, bit by bit, so that a packet is offered only when it is
-    whole: from its first octet on, one follows within 10 clocks of the other. The packet of
-    the others begins within 14 clocks of the frame's last octet.
+    ``hdl/protocol.py`` has the format. Ok points go into packets in the compact form; the first
+    ten unmatched spots, those that are not ok, go into one packet behind the frame's last. With
+    ``full_records`` all points go into packets as records. A packet is closed when the next point
+    does not fit, by length alone. Points are collected in a memory, bit by bit, so that a packet is
+    offered only when it is whole: from its first octet on, one follows within 10 clocks of the
+    other. The packet of unmatched spots begins within 14 clocks of the frame's last octet.
 
     A point takes 73 clocks if it is not ok, else 75 more than its bits, if its packet has room;
-    then 73 more after the packet was taken. A point waits while the packet before it does. The
-    counts of points by status are kept here. Counts that do not add up (spots = points + rejected
-    + dropped) make a trailer that may miss upper halves of counts. Reset forgets everything.
+    then 73 more after the packet was taken. A point waits while the packet before it does. Points
+    are counted here by status. If the counts do not add up (spots = points + rejected + dropped),
+    upper halves of counts may be missing in the trailer. Reset forgets everything.
 
     Members
     -------
@@ -53,7 +104,7 @@ class Points(wiring.Component):
         One for each frame, needed once a packet is full or its end marker is there, and taken with
         that.
     full_records : :py:`In(1)`
-        Send all points as records; heard with a frame's first point or end marker.
+        Send all points as records; sampled with a frame's first point or end marker.
     o : :py:`Out(stream.Signature(PacketOctet))`
         Packets.
     """
@@ -71,244 +122,270 @@ class Points(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        point, counts, info = self.i.p, self.counts.p, self.info.p
         m.submodules.check = check = catalog.CRC16_IBM_SDLC(data_width=1).create()
+        s = _Shared()
+        point = self.i.p
+        m.d.comb += [
+            s.is_ok.eq(point.status.as_value() == 0),
+            s.records.eq(Mux(s.in_frame, s.frame_records, self.full_records)),
+            s.is_record.eq(s.records | ~s.is_ok),
+            s.bit.eq(Cat(point.as_value(), C(0, 1)).bit_select(s.index[:7], 1)),
+        ]
+        memory = self._store_bits(m, s)
+        self._difference(m, s)
+        self._count(m, s)
+        self._fields(m, s, check)
+        octet_ready = self._octet(m, s, memory)
 
-        # One bit a word: the packet's points below, the others above.
+        limit, too_full = Signal(10), Signal()
+        m.d.comb += [
+            limit.eq(Mux(point.end, Mux(s.wide, _LIMIT_WIDE, _LIMIT_NARROW),
+                         Mux(s.is_long, _LIMIT_LONG, _LIMIT_SHORT))),
+            too_full.eq(s.points_bits > limit),
+        ]
+        with m.FSM():
+            self._collect(m, s, too_full)
+            self._send(m, s, check, octet_ready)
+        return m
+
+    def _store_bits(self, m, s):
+        """Memory of one bit a word: the packet's points below, the unmatched spots above."""
         m.submodules.bits = memory = Memory(shape=1, depth=2048, init=[])
-        write, read = memory.write_port(), memory.read_port()
-        used = Signal(10)  # bits of the packet's points
-        others = Signal(10)  # bits of the others' records
-        others_full = Signal()
-        used_full = Signal()  # only records can fill it to the end
-        put, put_bit = Signal(), Signal()
-        to_others = Signal()
+        write = memory.write_port()
         full = _RECORDS * _RECORD_BITS
         m.d.comb += [
-            others_full.eq(self._has_bits_of(others, full)),
-            used_full.eq(self._has_bits_of(used, full)),
-            write.addr.eq(Mux(to_others, Cat(others, C(1, 1)), Cat(used, C(0, 1)))),
-            write.data.eq(put_bit),
-            write.en.eq(put),
+            s.unmatched_full.eq(self._has_reached(s.unmatched_bits, full)),
+            s.points_full.eq(self._has_reached(s.points_bits, full)),
+            write.addr.eq(Mux(s.to_unmatched, Cat(s.unmatched_bits, C(1, 1)),
+                              Cat(s.points_bits, C(0, 1)))),
+            write.data.eq(s.stored_bit),
+            write.en.eq(s.store),
         ]
-        with m.If(put & to_others):
-            m.d.sync += others.eq(others + 1)
-        with m.If(put & ~to_others):
-            m.d.sync += used.eq(used + 1)
+        with m.If(s.store & s.to_unmatched):
+            m.d.sync += s.unmatched_bits.eq(s.unmatched_bits + 1)
+        with m.If(s.store & ~s.to_unmatched):
+            m.d.sync += s.points_bits.eq(s.points_bits + 1)
+        return memory
 
-        # `index` is the place in the point's payload while that is read and written, else the
-        # place in head and trailer, or in the memory.
-        index = Signal(10)
-        ok, record = Signal(), Signal()
-        inside, kept = Signal(), Signal()  # something of the frame was taken; its form
-        records = Signal()
-        reading, writing = Signal(), Signal()
-        again = Signal()  # the point has been read before
-        bit = Signal()
-        m.d.comb += [
-            ok.eq(point.status.as_value() == 0),
-            records.eq(Mux(inside, kept, self.full_records)),
-            record.eq(records | ~ok),
-            bit.eq(Cat(point.as_value(), C(0, 1)).bit_select(index[:7], 1)),
-        ]
+    def _difference(self, m, s):
+        """v less the one before, plus one pixel, from the lowest bit on.
 
-        # v less the one before, plus one pixel, from the lowest bit on. While the point is read
-        # the one before goes round; while it is written this one takes its place.
-        v_before = Signal(18)
-        borrow_not, ahead, ahead_now = Signal(), Signal(), Signal()
-        difference, step = Signal(), Signal()
-        in_v = Signal()
-        too_far, is_long = Signal(), Signal()
+        While the point is read the one before goes round; while it is written this one takes its
+        place.
+        """
+        ahead_now, difference = Signal(), Signal()
         m.d.comb += [
-            in_v.eq((index[:7] >= _V) & (index[:7] < _INVERSE_Z)),
-            difference.eq(bit ^ ~v_before[0] ^ borrow_not),
-            ahead_now.eq(ahead | (index[:7] == _V + (COMPACT.V_OFFSET - 1).bit_length())),
-            step.eq(difference ^ ahead_now),
+            s.in_v.eq((s.index[:7] >= _V) & (s.index[:7] < _INVERSE_Z)),
+            difference.eq(s.bit ^ ~s.v_before[0] ^ s.borrow_not),
+            ahead_now.eq(s.ahead | (
+                s.index[:7] == _V + (COMPACT.V_OFFSET - 1).bit_length())),
+            s.v_step.eq(difference ^ ahead_now),
             # Of a step that fits, the bits above V_BITS are zero and so is its sign.
-            is_long.eq(too_far | (borrow_not == ahead) | point.area[COMPACT.AREA_BITS:].any()),
+            s.is_long.eq(s.too_far | (s.borrow_not == s.ahead)
+                         | self.i.p.area[COMPACT.AREA_BITS:].any()),
         ]
-        with m.If((reading | writing) & in_v):
+        with m.If((s.reading | s.writing) & s.in_v):
             m.d.sync += [
-                v_before.eq(Cat(v_before[1:], Mux(writing, bit, v_before[0]))),
-                borrow_not.eq((bit & ~v_before[0]) | (borrow_not & (bit | ~v_before[0]))),
-                ahead.eq(ahead_now & difference),
+                s.v_before.eq(Cat(s.v_before[1:], Mux(s.writing, s.bit, s.v_before[0]))),
+                s.borrow_not.eq((s.bit & ~s.v_before[0])
+                                | (s.borrow_not & (s.bit | ~s.v_before[0]))),
+                s.ahead.eq(ahead_now & difference),
             ]
-            with m.If(index[:7] >= _V + COMPACT.V_BITS):
-                m.d.sync += too_far.eq(too_far | step)
-        form_long = Signal()
+            with m.If(s.index[:7] >= _V + COMPACT.V_BITS):
+                m.d.sync += s.too_far.eq(s.too_far | s.v_step)
 
-        # Counts of points by status, then those that no packet lists. While a point is read its
-        # counter goes round, one is added; in the trailer all leave as one chain, zeros following,
-        # and the spots rejected before they were points are added to two of them on the way.
-        shift, tail = Signal(), Signal()
-        counters = [Signal(16, name=f"count_{n}") for n in range(5)]
-        own, field = Signal(), Signal()
-        carry, carry_in = Signal(), Signal()
-        chain = Signal()
-        selected = Signal(5)
+    def _count(self, m, s):
+        """Counts of points by status, then those that no packet lists.
+
+        While a point is read its counter goes round, one is added; in the trailer all leave as one
+        chain, zeros following, and the spots rejected before they were points are added to two of
+        them on the way.
+        """
+        index, status = s.index, self.i.p.status.as_value()
+        counters = [Signal(16, name=f"count_{name}") for name in _CHAINED]
+        selected = Signal(len(counters))
+        carry = Signal()
         m.d.comb += [
-            chain.eq(index[7] & (index[4:7] != 0) & (index[4:7] != 5) & (index[4:7] != 7)),
-            carry_in.eq(Mux(index[:4] == 0, ~tail, carry)),
-            own.eq((Cat(counter[0] for counter in counters) & selected).any()),
+            s.in_chain.eq(Cat(index[4:8] == _TRAILER[name] >> 4 for name in _CHAINED).any()),
+            s.carry_in.eq(Mux(index[:4] == 0, ~s.in_trailer, carry)),
+            s.counted.eq((Cat(counter[0] for counter in counters) & selected).any()),
         ]
-        with m.If(tail):
-            m.d.comb += selected.eq(chain)
+        with m.If(s.in_trailer):
+            m.d.comb += selected.eq(s.in_chain)
         with m.Elif(index[4]):
-            m.d.comb += selected.eq(Cat(point.status.as_value() == n for n in range(4)))
+            m.d.comb += selected.eq(Cat(status == n for n in range(4)))
         with m.Else():
-            m.d.comb += selected[4].eq(record & ~records & others_full)
-        with m.If(reading | shift):
-            m.d.sync += carry.eq((own & carry_in) | (field & tail & (own | carry_in)))
-        with m.If(shift & tail & chain):
+            m.d.comb += selected[4].eq(s.is_record & ~s.records & s.unmatched_full)
+        with m.If(s.reading | s.shift):
+            m.d.sync += carry.eq((s.counted & s.carry_in)
+                                 | (s.field & s.in_trailer & (s.counted | s.carry_in)))
+        with m.If(s.shift & s.in_trailer & s.in_chain):
             m.d.sync += Cat(counters).eq(Cat(counters) >> 1)
-        with m.Elif(reading & ~again & (index[4] ^ index[5]) & ~index[6]):
+        with m.Elif(s.reading & ~s.was_read & (index[4] ^ index[5]) & ~index[6]):
             for n, counter in enumerate(counters):
                 with m.If(index[5] if n == 4 else index[4]):
                     m.d.sync += counter.eq(
-                        Cat(counter[1:], counter[0] ^ (selected[n] & carry_in)))
+                        Cat(counter[1:], counter[0] ^ (selected[n] & s.carry_in)))
 
-        # Head and trailer.
-        wide, closing, listing, body = Signal(), Signal(), Signal(), Signal()
-        kind = Cat(closing & ~listing, records, listing, C(PacketKind.POINTS >> 3, 5))
-        fields = Cat(
-            C(0, _HEAD), kind, info.number, info.level, info.skipped, info.tag.exposure_us,
-            info.tag.timestamp_us, check.crc[0].replicate(16), counts.spots, C(0, 48),
-            counts.rejected, counts.dropped, counts.rejected,
-            wide, info.learning, counts.broken, info.tag.laser, info.tag.capture, info.tripped,
-            info.tables_valid, info.tag.texture)
+    def _fields(self, m, s, check):
+        """Head and trailer, bit by bit, and the check over the points in it."""
+        counts, info, index = self.counts.p, self.info.p, s.index
+        kind = Cat(s.closing & ~s.is_unmatched, s.records, s.is_unmatched,
+                   C(PacketKind.POINTS >> 3, 5))
+        flags = flags_octet(
+            wide=s.wide, learning=info.learning, broken=counts.broken, laser=info.tag.laser,
+            capture=info.tag.capture, tripped=info.tripped, tables_valid=info.tables_valid,
+            texture=info.tag.texture)
+        fields = Cat(C(0, _HEAD), kind, bits_of_fields(TRAILER_FIELDS, {
+            **dict.fromkeys(_CHAINED, C(0, 16)),
+            "number": info.number, "level": info.level, "skipped": info.skipped,
+            "exposure_us": info.tag.exposure_us, "timestamp_us": info.tag.timestamp_us,
+            "check": check.crc[0].replicate(16), "spots": counts.spots,
+            "dropped": counts.dropped, "flags": flags,
+            # Those rejected before they were points are added to what was counted here.
+            "rejected": counts.rejected, "unlisted": counts.rejected,
+        }, widths=_WIDE))
         in_check = Signal()
         m.d.comb += [
-            wide.eq(counts.spots[8:].any()),
-            # In two steps, so that what stands in two places costs once.
-            field.eq(Cat(fields[at:at + 16].bit_select(index[:4], 1) for at in range(0, 256, 16))
-                     .bit_select(index[4:8], 1)),
-            in_check.eq(tail & (index[4:8] == 7)),
+            s.wide.eq(counts.spots[8:].any()),
+            # In two steps, so that what stands in two positions costs once.
+            s.field.eq(Cat(fields[at:at + 16].bit_select(index[:4], 1)
+                           for at in range(0, 256, 16)).bit_select(index[4:8], 1)),
+            in_check.eq(s.in_trailer & (index[4:8] == _TRAILER["check"] >> 4)),
             # A CRC that is fed with what it gives, inverted, shifts out unchanged.
             check.valid.eq(Mux(
-                reading, ok & ~again & (
+                s.reading, s.is_ok & ~s.was_read & (
                     (index[:7] >= _BEAM) & (index[:7] < _AREA)
                     | (index[:7] >= _INVERSE_Z) & (index[:7] < _END)),
-                shift & in_check)),
-            check.data.eq(Mux(reading, bit, ~check.crc[0])),
+                s.shift & in_check)),
+            check.data.eq(Mux(s.reading, s.bit, ~check.crc[0])),
         ]
 
-        # Sending: the memory's bit is there a clock after its address, so the others wait too.
+    def _octet(self, m, s, memory):
+        """The octet that is shifted together; high when it is.
+
+        The memory's bit is there a clock after its address, so the others are as late.
+        """
+        read = memory.read_port()
         octet, shifted, other_bit = Signal(8), Signal(), Signal()
-        end = Signal(7)
-        body_ends, tail_ends = Signal(), Signal()
-        skip = Signal()  # the upper half of a narrow count
-        m.d.comb += [
-            read.addr.eq(Cat(index, listing)),
-            end.eq(Mux(listing, others[3:], used[3:])),
-            body_ends.eq(body & (index[3:] == end)),
-            tail_ends.eq(tail & (index[3:8] == _TAIL_END >> 3)),
-            skip.eq(tail & ~wide & index[7] & index[3] & (index[4:7] != 7)),
-            self.o.p.data.eq(octet),
-            self.o.p.last.eq(body_ends & (listing | ~closing) | tail_ends),
-        ]
-        m.d.sync += [shifted.eq(shift), other_bit.eq(field ^ ((own ^ carry_in) & tail & chain))]
+        m.d.comb += [read.addr.eq(Cat(s.index, s.is_unmatched)), self.o.p.data.eq(octet)]
+        m.d.sync += [
+            shifted.eq(s.shift),
+            other_bit.eq(s.field ^ ((s.counted ^ s.carry_in) & s.in_trailer & s.in_chain))]
         with m.If(shifted):
-            m.d.sync += octet.eq(Cat(octet[1:], Mux(body, read.data, other_bit)))
+            m.d.sync += octet.eq(Cat(octet[1:], Mux(s.in_body, read.data, other_bit)))
+        return ~shifted
 
-        limit = Signal(10)
-        too_full = Signal()
-        m.d.comb += [
-            limit.eq(Mux(point.end, Mux(wide, _LIMIT_WIDE, _LIMIT_NARROW),
-                         Mux(is_long, _LIMIT_LONG, _LIMIT_SHORT))),
-            too_full.eq(used > limit),
-        ]
+    def _collect(self, m, s, too_full):
+        """Points to the memory, until the packet is full or the frame ends."""
+        point, index = self.i.p, s.index
+        with m.State("NEXT"):
+            m.d.sync += [index.eq(1), s.borrow_not.eq(1), s.ahead.eq(0), s.too_far.eq(0)]
+            with m.If(self.i.valid):
+                m.d.sync += [s.in_frame.eq(1), s.frame_records.eq(s.records)]
+            with m.If(self.i.valid & ~point.end & ~(s.records & s.points_full)):
+                m.next = "READ"
+            with m.If(self.i.valid & self.info.valid
+                      & Mux(point.end, self.counts.valid, s.records & s.points_full)):
+                m.d.sync += s.closing.eq(point.end & ~too_full)
+                m.next = "PAD"
 
-        def finish_frame():
+        with m.State("READ"):
             m.d.comb += [
-                self.i.ready.eq(1), self.counts.ready.eq(1), self.info.ready.eq(1),
-                check.start.eq(1)]
-            m.d.sync += [others.eq(0), closing.eq(0), listing.eq(0), inside.eq(0)]
-
-        with m.FSM():
-            with m.State("NEXT"):
-                m.d.sync += [index.eq(1), borrow_not.eq(1), ahead.eq(0), too_far.eq(0)]
-                with m.If(self.i.valid):
-                    m.d.sync += [inside.eq(1), kept.eq(records)]
-                with m.If(self.i.valid & ~point.end & ~(records & used_full)):
-                    m.next = "READ"
-                with m.If(self.i.valid & self.info.valid
-                          & Mux(point.end, self.counts.valid, records & used_full)):
-                    m.d.sync += closing.eq(point.end & ~too_full)
-                    m.next = "PAD"
-
-            with m.State("READ"):
-                m.d.comb += [
-                    reading.eq(1), to_others.eq(~records), put_bit.eq(bit),
-                    put.eq(record & ~(to_others & others_full)),
-                ]
-                m.d.sync += index.eq(index + 1)
-                with m.If(index[:7] == _END):
-                    m.next = "FORM"
-                    with m.If(record):
-                        m.d.comb += self.i.ready.eq(1)
-                        m.next = "NEXT"
-
-            with m.State("FORM"):
-                m.d.sync += [form_long.eq(is_long), index.eq(_V), borrow_not.eq(1), ahead.eq(0)]
-                m.d.comb += put_bit.eq(is_long)
-                with m.If(~too_full):
-                    m.d.comb += put.eq(1)
-                    m.next = "WRITE"
-                with m.Elif(self.info.valid):
-                    m.d.sync += again.eq(1)
-                    m.next = "PAD"
-
-            with m.State("WRITE"):
-                m.d.comb += [
-                    writing.eq(1),
-                    put.eq(~in_v | form_long | (index[:7] < _V + COMPACT.V_BITS)),
-                    put_bit.eq(Mux(in_v & ~form_long, step, bit)),
-                ]
-                m.d.sync += index.eq(index + 1)
-                with m.If(index[:7] == _INVERSE_Z - 1):
-                    m.d.sync += index.eq(_U)
-                with m.If(index[:7] == _V - 1):
-                    m.d.sync += index.eq(_AREA)
-                with m.If(index[:7] == Mux(form_long, _U - 1, _AREA + COMPACT.AREA_BITS - 1)):
+                s.reading.eq(1), s.to_unmatched.eq(~s.records), s.stored_bit.eq(s.bit),
+                s.store.eq(s.is_record & ~(s.to_unmatched & s.unmatched_full)),
+            ]
+            m.d.sync += index.eq(index + 1)
+            with m.If(index[:7] == _END):
+                m.next = "FORM"
+                with m.If(s.is_record):
                     m.d.comb += self.i.ready.eq(1)
-                    m.d.sync += again.eq(0)
                     m.next = "NEXT"
 
-            with m.State("PAD"):
-                m.d.comb += put.eq(used[:3].any())
-                m.d.sync += index.eq(_HEAD)
-                with m.If(~put):
-                    m.next = "SHIFT"
+        with m.State("FORM"):
+            m.d.sync += [
+                s.form_is_long.eq(s.is_long), index.eq(_V), s.borrow_not.eq(1), s.ahead.eq(0)]
+            m.d.comb += s.stored_bit.eq(s.is_long)
+            with m.If(~too_full):
+                m.d.comb += s.store.eq(1)
+                m.next = "WRITE"
+            with m.Elif(self.info.valid):
+                m.d.sync += s.was_read.eq(1)
+                m.next = "PAD"
 
-            with m.State("SHIFT"):
-                m.d.comb += shift.eq(1)
-                m.d.sync += index.eq(index + 1)
-                with m.If(index[:3].all() & ~skip):
-                    m.next = "OCTET"
+        with m.State("WRITE"):
+            m.d.comb += [
+                s.writing.eq(1),
+                s.store.eq(~s.in_v | s.form_is_long | (index[:7] < _V + COMPACT.V_BITS)),
+                s.stored_bit.eq(Mux(s.in_v & ~s.form_is_long, s.v_step, s.bit)),
+            ]
+            m.d.sync += index.eq(index + 1)
+            with m.If(index[:7] == _INVERSE_Z - 1):
+                m.d.sync += index.eq(_U)
+            with m.If(index[:7] == _V - 1):
+                m.d.sync += index.eq(_AREA)
+            with m.If(index[:7] == Mux(s.form_is_long, _U - 1, _AREA + COMPACT.AREA_BITS - 1)):
+                m.d.comb += self.i.ready.eq(1)
+                m.d.sync += s.was_read.eq(0)
+                m.next = "NEXT"
 
-            with m.State("OCTET"):
-                m.d.comb += self.o.valid.eq(~shifted)
-                with m.If(self.o.valid & self.o.ready):
-                    m.next = "SHIFT"
-                    with m.If(~body & ~tail & (index[:8] == _BODY)):
-                        m.d.sync += [body.eq(1), index.eq(0)]
-                        with m.If(~listing & (used == 0)):
-                            m.d.sync += [body.eq(0), tail.eq(1), index.eq(_NUMBER)]
-                    with m.If(body_ends & closing & ~listing):
-                        m.d.sync += [body.eq(0), tail.eq(1), index.eq(_NUMBER)]
-                    with m.If(self.o.p.last):
-                        m.d.sync += [
-                            body.eq(0), tail.eq(0), used.eq(0), v_before.eq(0), index.eq(_HEAD)]
-                        with m.If(tail & (others != 0)):
-                            m.d.sync += listing.eq(1)
-                        with m.Else():
-                            m.next = "NEXT"
-                            with m.If(closing):
-                                finish_frame()
+    def _send(self, m, s, check, octet_ready):
+        """The packet, octet by octet: head, body, and the trailer of the frame's last one."""
+        index = s.index
+        end = Signal(7)
+        body_ends, trailer_ends = Signal(), Signal()
+        skip = Signal()  # the upper half of a narrow count
+        m.d.comb += [
+            end.eq(Mux(s.is_unmatched, s.unmatched_bits[3:], s.points_bits[3:])),
+            body_ends.eq(s.in_body & (index[3:] == end)),
+            trailer_ends.eq(s.in_trailer & (index[3:8] == _TAIL_END >> 3)),
+            skip.eq(s.in_trailer & ~s.wide & (index[4:8] >= _TRAILER["spots"] >> 4)
+                    & (index[4:8] < _TRAILER["flags"] >> 4) & index[3]),
+            self.o.p.last.eq(body_ends & (s.is_unmatched | ~s.closing) | trailer_ends),
+        ]
 
-        return m
+        with m.State("PAD"):
+            m.d.comb += s.store.eq(s.points_bits[:3].any())
+            m.d.sync += index.eq(_HEAD)
+            with m.If(~s.store):
+                m.next = "SHIFT"
+
+        with m.State("SHIFT"):
+            m.d.comb += s.shift.eq(1)
+            m.d.sync += index.eq(index + 1)
+            with m.If(index[:3].all() & ~skip):
+                m.next = "OCTET"
+
+        with m.State("OCTET"):
+            m.d.comb += self.o.valid.eq(octet_ready)
+            with m.If(self.o.valid & self.o.ready):
+                m.next = "SHIFT"
+                with m.If(~s.in_body & ~s.in_trailer & (index[:8] == _BODY)):
+                    m.d.sync += [s.in_body.eq(1), index.eq(0)]
+                    with m.If(~s.is_unmatched & (s.points_bits == 0)):
+                        m.d.sync += [s.in_body.eq(0), s.in_trailer.eq(1), index.eq(_NUMBER)]
+                with m.If(body_ends & s.closing & ~s.is_unmatched):
+                    m.d.sync += [s.in_body.eq(0), s.in_trailer.eq(1), index.eq(_NUMBER)]
+                with m.If(self.o.p.last):
+                    m.d.sync += [
+                        s.in_body.eq(0), s.in_trailer.eq(0), s.points_bits.eq(0),
+                        s.v_before.eq(0), index.eq(_HEAD)]
+                    with m.If(s.in_trailer & (s.unmatched_bits != 0)):
+                        m.d.sync += s.is_unmatched.eq(1)
+                    with m.Else():
+                        m.next = "NEXT"
+                        with m.If(s.closing):
+                            self._finish_frame(m, s, check)
+
+    def _finish_frame(self, m, s, check):
+        """Take the end marker and what belongs to the frame."""
+        m.d.comb += [
+            self.i.ready.eq(1), self.counts.ready.eq(1), self.info.ready.eq(1),
+            check.start.eq(1)]
+        m.d.sync += [
+            s.unmatched_bits.eq(0), s.closing.eq(0), s.is_unmatched.eq(0), s.in_frame.eq(0)]
 
     @staticmethod
-    def _has_bits_of(value, number):
+    def _has_reached(value, number):
         """Whether ``value``, which only grows to ``number``, has come there."""
         return Cat(value[n] for n in range(len(value)) if number >> n & 1).all()

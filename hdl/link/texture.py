@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from ..payloads import FrameInfo, GreyPixel, PacketOctet
 from ..protocol import CONTENT_LIMIT, TEXTURE_FIELDS, PacketKind
+from .packet_fields import bits_of_fields, flags_octet
 
 __all__ = ["Texture"]
 
@@ -135,11 +136,14 @@ class Texture(wiring.Component):
         counters = Signal(16, reset_less=True)
         head = Cat(C(PacketKind.TEXTURE, 8), number, Cat(row, C(0, 16))[:16],
                    Cat(column, C(0, 16))[:16])
+        flags = flags_octet(
+            broken=broken, laser=info.tag.laser, capture=info.tag.capture, tripped=info.tripped,
+            tables_valid=info.tables_valid, texture=info.tag.texture)
         fields = Cat(
-            C(PacketKind.TEXTURE_FRAME, 8), info.number[:8], info.number, info.skipped,
-            info.tag.exposure_us, info.tag.timestamp_us, counters,
-            C(0, 2), broken, info.tag.laser, info.tag.capture, info.tripped, info.tables_valid,
-            info.tag.texture)
+            C(PacketKind.TEXTURE_FRAME, 8), info.number[:8], bits_of_fields(TEXTURE_FIELDS, {
+                "number": info.number, "skipped": info.skipped,
+                "exposure_us": info.tag.exposure_us, "timestamp_us": info.tag.timestamp_us,
+                "bad_sync": counters[:8], "overrun": counters[8:], "flags": flags}))
         fetch, in_pixels = Signal(), Signal()
         m.d.comb += [
             read.addr.eq(Cat(place, half)),

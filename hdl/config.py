@@ -1,4 +1,4 @@
-"""Everything that is chosen before synthesis, in one place."""
+"""All choices that are made before synthesis."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ from .protocol import PRESET_NAMES
 
 __all__ = ["Config", "FRAMES_IN_FLIGHT", "FRAME_US", "PRESETS", "check_config"]
 
-#: How long after its exposure a frame is waited for, microseconds.
+#: Time limit for a frame after its exposure, microseconds.
 FRAME_US = 20_000
 #: Frames whose points may still be on their way when the next one starts.
 FRAMES_IN_FLIGHT = 4
@@ -30,16 +30,16 @@ class Config:
     beams : :class:`int`
         Beams of the laser mesh (the paper's K), 1 to 128.
     lanes : :class:`int`
-        Epipolar lines that are tried at a time (P), 1 to ``beams``.
+        Epipolar lines that are compared at a time (P), 1 to ``beams``.
     spot_depth : :class:`int`
         Spots that may wait for the stereo unit.
     labels : :class:`int`
-        Provisional labels of the two-pass labelling, best one less than a power of two; the
-        preset ``capsule`` has no use for them.
+        Provisional labels of the two-pass labelling, best one less than a power of two; not used
+        by the preset ``capsule``.
     converter_latency : :class:`int` or None
         None for an imager that sends frames by itself, with a clock of its own
-        (:class:`hdl.acquisition.camera.Camera`). Else its pixels are addressed, and this is how
-        many clocks an external converter takes, 1 to 64
+        (:class:`hdl.acquisition.camera.Camera`). Otherwise its pixels are addressed, and this is
+        the latency of an external converter in clocks, 1 to 64
         (:class:`hdl.acquisition.addressed_camera.AddressedCamera`).
     converter_interval : :class:`int`
         Clocks from one such pixel to the next, 2 to 64.
@@ -88,7 +88,7 @@ class Config:
 
 
 def check_config(config):
-    """Refuse what is no :class:`Config`."""
+    """Refuse anything but a :class:`Config`."""
     if not isinstance(config, Config):
         raise TypeError(f"The configuration must be a Config, not {config!r}")
 

@@ -72,8 +72,8 @@ def to_verilog(component, name):
 def to_fast_verilog(component, name):
     """Flat, optimised Verilog of ``component``, which simulates about twice as fast.
 
-    Amaranth writes every next state as a process of its own; sharing and cleaning what they
-    compute leaves the simulator less to do each clock. Ports are those of :func:`to_verilog`.
+    Amaranth writes every next state as a process of its own; sharing and simplifying their logic
+    leaves the simulator less to do in each clock. Ports are those of :func:`to_verilog`.
     """
     text = rtlil.convert(component, name=name, ports=_named_ports(component, name),
                          emit_src=False)

@@ -21,14 +21,13 @@ __all__ = ["Instrument"]
 
 
 class Instrument(wiring.Component):
-    """Exposes an imager, lights the laser, measures, sends; all as the host tells.
+    """Exposes an imager, lights the laser, measures and sends, under the control of a host.
 
     The host loads tables and registers over ``rx`` and starts the sequencer, which takes pattern
-    and texture frames in turn. What measures them is :class:`.capsule.Capsule` or
-    :class:`.paper.Paper`, as the preset says. Registers and tables that the host changed are
-    handed over together, as a pattern frame begins at whose start no spot is under way; at once
-    while the sequencer stands still. Only a stop waits for nothing but the frame that is being
-    taken.
+    and texture frames in turn. :class:`.capsule.Capsule` or :class:`.paper.Paper` measures them, as
+    the preset says. Registers and tables that the host changed begin to act together, with the
+    start of a pattern frame at which no spot is on its way, or at once while the sequencer is
+    stopped. A stop waits for the frame that is being taken, and for nothing else.
 
     Parameters
     ----------
@@ -42,11 +41,11 @@ class Instrument(wiring.Component):
     sensor_reset, sensor_integrate, sensor_read : :py:`Out(1)`
         To the imager: all pixels dark; the global shutter is open; send the frame.
     laser : :py:`Out(1)`
-        To an AC-coupled laser driver: changes with every clock for light.
+        To an AC-coupled laser driver: toggles with every clock for light.
     frame_valid, line_valid, data : :py:`In(1)`, :py:`In(1)`, :py:`In(8)`
         From the imager, sampled at each rising edge in the domain ``pixel``.
     row, column, convert, data
-        In their place if the configuration has a converter, see
+        Instead of these if the configuration has a converter, see
         :class:`.acquisition.addressed_camera.AddressedCamera`.
     rx, tx : :py:`In(1)`, :py:`Out(1)`
         Serial line, 8N1.
@@ -79,17 +78,23 @@ class Instrument(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config = self.config
-
-        # Pins that know no clock of ours.
-        cts = Signal()
-        m.submodules.cts_synchronizer = FFSynchronizer(self.cts, cts)
-
-        # The host's commands.
         m.submodules.uart_rx = uart_rx = UARTReceiver()
         m.submodules.receiver = receiver = Receiver()
         m.submodules.commands = commands = Commands(
             config.width, config.height, config.beams, config.lanes, config.preset,
             config.clock_hz, config.baud)
+        m.submodules.sequencer = sequencer = Sequencer(config.clock_hz, frame_us=FRAME_US)
+        m.submodules.laser_guard = guard = LaserGuard(config.clock_hz)
+        measure_class = Paper if config.preset == "paper" else Capsule
+        m.submodules.measure = measure = measure_class(config, self.clock_gated)
+        self._connect_host(m, uart_rx, receiver, commands)
+        self._connect_exposure(m, sequencer, guard, commands, measure)
+        self._connect_measure(m, measure, sequencer, guard, commands)
+        self._connect_state(m, commands, sequencer, guard, measure)
+        return m
+
+    def _connect_host(self, m, uart_rx, receiver, commands):
+        """The host's commands."""
         connect(m, uart_rx.o, receiver.i)
         connect(m, receiver.o, commands.i)
         m.d.comb += [
@@ -103,9 +108,8 @@ class Instrument(wiring.Component):
             commands.framing.eq(uart_rx.framing),
         ]
 
-        # Exposure, and the last word on the laser.
-        m.submodules.sequencer = sequencer = Sequencer(config.clock_hz, frame_us=FRAME_US)
-        m.submodules.laser_guard = guard = LaserGuard(config.clock_hz)
+    def _connect_exposure(self, m, sequencer, guard, commands, measure):
+        """Exposure, and the laser guard behind it."""
         m.d.comb += [
             *(getattr(sequencer, name).eq(getattr(commands, name))
               for name in sequencer.registers if name != "mode"),
@@ -113,9 +117,11 @@ class Instrument(wiring.Component):
             sequencer.laser_armed.eq(guard.armed),
             sequencer.lit.eq(guard.lit),
             sequencer.capture.eq(commands.capture),
-            self.sensor_reset.eq(sequencer.sensor_reset),
-            self.sensor_integrate.eq(sequencer.sensor_integrate),
-            self.sensor_read.eq(sequencer.sensor_read),
+            *(getattr(sequencer, name).eq(getattr(measure, name))
+              for name in ("frame_begun", "frame_ended", "frame_broken")),
+            sequencer.sending.eq(measure.frame_sending),
+            *(getattr(self, name).eq(getattr(sequencer, name))
+              for name in ("sensor_reset", "sensor_integrate", "sensor_read")),
             guard.request.eq(sequencer.laser_request),
             guard.tables_valid.eq(commands.tables_valid),
             guard.capture.eq(commands.capture),
@@ -124,31 +130,31 @@ class Instrument(wiring.Component):
             self.laser.eq(guard.laser),
         ]
 
-        # Pixels to points, and everything to the reader.
-        paper = config.preset == "paper"
-        m.submodules.measure = measure = (Paper if paper else Capsule)(config, self.clock_gated)
-        connect_ports(m, camera_pins(config) | (BOARD if paper else {}), self, measure)
+    def _connect_measure(self, m, measure, sequencer, guard, commands):
+        """Pixels to points, and everything to the reader."""
+        paper = self.config.preset == "paper"
+        connect_ports(m, camera_pins(self.config) | (BOARD if paper else {}), self, measure)
         connect_ports(m, measure.registers | TABLE_PORT, commands, measure)
         if paper:
             connect(m, commands.memory, measure.memory)
             connect(m, measure.memory_word, commands.memory_word)
             m.d.comb += commands.display.eq(measure.display_faults)
         connect(m, commands.o, measure.reply)
+        cts = Signal()
+        m.submodules.cts_synchronizer = FFSynchronizer(self.cts, cts)
         m.d.comb += [
             measure.tag.eq(sequencer.tag),
             measure.tripped.eq(guard.causes.any()),
             measure.tables_valid.eq(commands.tables_valid),
             measure.cts.eq(cts),
+            measure.wake.eq(sequencer.frame_start),
             self.tx.eq(measure.tx),
             self.busy.eq(measure.busy),
-            measure.wake.eq(sequencer.frame_start),
-            sequencer.frame_begun.eq(measure.frame_begun),
-            sequencer.frame_ended.eq(measure.frame_ended),
-            sequencer.frame_broken.eq(measure.frame_broken),
-            sequencer.sending.eq(measure.frame_sending),
         ]
 
-        # What was written acts together. A single pair is over when the sequencer comes to rest.
+    def _connect_state(self, m, commands, sequencer, guard, measure):
+        """When written values act, and the values for STATUS."""
+        # A single pair is over when the sequencer stops.
         running = Signal()
         m.d.sync += running.eq(sequencer.running)
         m.d.comb += [
@@ -156,17 +162,11 @@ class Instrument(wiring.Component):
             commands.apply.eq(sequencer.pattern_start & measure.idle),
             commands.idle.eq(~sequencer.running & measure.idle & ~measure.sending),
             commands.single_done.eq(running & ~sequencer.running),
-        ]
-
-        # What STATUS tells.
-        m.d.comb += [
             commands.laser_armed.eq(guard.armed),
             commands.sensor_silent.eq(sequencer.silent),
             commands.guard_causes.eq(guard.causes),
-            commands.pairs.eq(sequencer.pairs),
-            commands.timeouts.eq(sequencer.timeouts),
-            commands.late.eq(sequencer.late),
+            *(getattr(commands, name).eq(getattr(sequencer, name))
+              for name in ("pairs", "timeouts", "late")),
             *(getattr(commands, name).eq(getattr(measure, name))
               for name in ("bad_sync", "overrun", "skipped", "packets")),
         ]
-        return m

@@ -1,4 +1,4 @@
-"""The paper's demonstrator: camera pins in, serial pin and a screen out, a memory beside it."""
+"""The paper's demonstrator: camera pins in, serial pin and display out, external memory."""
 
 from amaranth.hdl import Cat, ClockDomain, ClockSignal, Module, ResetSignal, Signal
 from amaranth.lib import stream, wiring
@@ -19,7 +19,7 @@ from .protocol import DISPLAY_FAULTS
 __all__ = ["BOARD", "Paper"]
 
 _DISPLAY = ("hsync", "vsync", "visible", "red", "green", "blue")
-#: What the board has beside that of the preset ``capsule``.
+#: Pins that only this preset has.
 BOARD = {
     "pins": Out(SRAMPins()),
     "hsync": Out(1, init=1),
@@ -34,11 +34,11 @@ BOARD = {
 class Paper(wiring.Component):
     """Turns frames of laser spots into packets of 3-D points, as the paper does.
 
-    A pattern frame is stored, learnt from and read again, see :class:`.paper_points.PaperPoints`;
-    texture frames go to the link as they pass. The members are those of
-    :class:`hdl.capsule.Capsule`, and more. A pattern frame that begins while the one before still
-    fills the image bank, or while four are on their way to the reader, is skipped whole and
-    counted; at 25 pairs a second none is.
+    A pattern frame is stored, its threshold is learnt, and it is read again, see
+    :class:`.paper_points.PaperPoints`; texture frames go to the link as they pass. The members are
+    those of :class:`hdl.capsule.Capsule`, and more. A pattern frame that begins while the one
+    before is still in the image bank, or while four are on their way to the reader, is skipped
+    whole and counted; at 25 pairs a second none is.
 
     The register ``weighted`` has no effect: all pixels weigh 1.
 
@@ -51,7 +51,7 @@ class Paper(wiring.Component):
                      on, a word for 4 pixels               60 times a second a read for 4 pixels
     1 labelling      the image of labels from 131,072 on,  a write and a read for 2 pixels of
                      a word for 2 pixels                   each pattern
-    2 places         the remap table from 0 on, a      a read for 2 pixels of each pattern
+    2 remap          the remap table from 0 on, a      a read for 2 pixels of each pattern
                      word for 2 pixels
     3 ``memory``     any                                   the remap table, as it is loaded
     ================ ===================================== =====================================
@@ -59,13 +59,13 @@ class Paper(wiring.Component):
     The remap table, see :class:`.preprocessing.remap.Remap`, must be written through ``memory``
     before frames are measured.
 
-    The screen shows the corrected pattern frames with their spots, in the domain ``display``, see
+    The display shows the corrected pattern frames with their spots, in the domain ``display``, see
     :class:`.display.vga.VGA`.
 
     Parameters
     ----------
     config : :class:`hdl.config.Config`
-        Constructor choices; the height is at most 480, which is that of the screen.
+        Constructor choices; the height is at most 480, which is that of the display.
     clock_gated : :class:`bool`
         Make the clock of the spot side a port, ``spot_clk``, with ``spot_rst``.
 
@@ -75,12 +75,17 @@ class Paper(wiring.Component):
         The external memory.
     memory, memory_word : :py:`In(stream.Signature(MemoryCommand))`, \
     :py:`Out(stream.Signature(32, always_ready=True))`
-        Access to it for the host; words that are read come in the order of the commands.
+        Access to it for the host; words that are read arrive in the order of the commands.
     display_faults : :py:`Out(3)`
         Faults of the display since reset, bits in the order of
         :data:`hdl.protocol.DISPLAY_FAULTS`.
     hsync, vsync, visible, red, green, blue
-        The screen.
+        The display.
+
+    Attributes
+    ----------
+    registers : :class:`dict`
+        Members for the registers that are used.
     """
 
     registers = {**PaperPoints.registers, **PointLink.registers}

@@ -1,4 +1,4 @@
-"""Pattern frames to points, as the paper has it: stored, learnt from, and read again."""
+"""Pattern frames to points in two passes, as the paper does it: stored, then read again."""
 
 from amaranth.hdl import DomainRenamer, Module, Mux, Shape, Signal
 from amaranth.lib import stream, wiring
@@ -30,20 +30,21 @@ _SPOT_CLOCKS = 22
 class PaperPoints(wiring.Component):
     """Measures pattern frames in the paper's order.
 
-    A frame is stored as it arrives, while its histogram grows. Its level is learnt from all of its
-    pixels; then it is read again, through the table that corrects the whole image, made into a
-    mask, eroded, labelled in two passes over an image of labels, and its spots are measured as in
-    the preset ``capsule``, with all epipolar lines at once where lanes = beams. Pixels weigh 1.
+    A frame is stored as it arrives, while its histogram grows. Its threshold is learnt from all of
+    its pixels; then it is read again, through the remap table that corrects the whole image,
+    compared with the threshold, eroded, labelled in two passes over an image of labels, and its
+    spots are measured as in the preset ``capsule``, with all epipolar lines at once if lanes =
+    beams. Pixels weigh 1.
 
     Both of the paper's corrections are there: with a lens in the remap table, the registers and
-    the radial table are those of a lens without distortion; with a table in which every pixel
-    shows itself, they are the lens's.
+    the radial table are those of a lens without distortion; with a remap table that maps every
+    pixel to itself, they are the lens's.
 
-    A frame may begin while ``info`` is ready: while the one image bank is free, the bins are
-    clean, and fewer than four frames are still on their way to the reader. After a frame's last
-    pixel it takes at most 900 clocks to learn the level and two clocks a pixel to read the image
-    again, which frees the bank; one more clock a pixel, three a label and 22 a spot are spent on
-    the second pass, while the next frame may be stored already.
+    A frame may begin while ``info`` is ready: the image bank is free, the histogram is clear, and
+    fewer than four frames are still on their way to the reader. After a frame's last pixel it takes
+    at most 900 clocks to learn the threshold and two clocks a pixel to read the image again, which
+    frees the bank. The second pass takes one more clock a pixel, three a label and 22 a spot, while
+    the next frame may be stored already.
 
     Two clients of the external memory: 0 the image of labels, 1 the remap table, whose word n
     is at :data:`REMAP_BASE` + n, see :class:`.preprocessing.remap.Remap`.
@@ -62,21 +63,20 @@ class PaperPoints(wiring.Component):
     i : :py:`In(stream.Signature(GreyPixel, always_ready=True))`
         Pattern frames.
     info : :py:`In(stream.Signature(FrameInfo))`
-        What is known of a frame, with its first pixel. Ready tells whether it may begin.
+        Announcement of a frame, with its first pixel. Ready indicates that it may begin.
     o : :py:`Out(stream.Signature(Point))`
-        Points; u and v are places in the corrected image.
+        Points; u and v are in the corrected image.
     counts : :py:`Out(stream.Signature(Counts))`
         One for each frame. Those that labelling had to drop are among ``spots`` and ``dropped``.
     number : :py:`Out(16)`
         Number of the frame whose points are coming, end marker included.
     frames : :py:`Out(stream.Signature(FrameInfo))`
-        What is known of a frame, with its own level.
+        Announcement of a frame, with its own threshold.
     corrected, corrected_info : :py:`Out(stream.Signature(GreyPixel, always_ready=True))`, \
     :py:`Out(StoredFrame)`
-        The corrected image as it passes, for a display, and what is known of it with its first
-        pixel.
+        The corrected image as it passes, for a display, and its number with its first pixel.
     idle : :py:`Out(1)`
-        No frame is stored, and no spot is under way.
+        No frame is stored, and no spot is on its way.
     active : :py:`Out(1)`
         Something passes between the blocks of the domain ``spot`` in this clock.
     command, answer
@@ -119,18 +119,49 @@ class PaperPoints(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        config = self.config
-        size = {"width": config.width, "height": config.height}
-        spot_side = DomainRenamer("spot")
         register = sample_registers(m, self)
+        stored_info, announce, announce_pending = Signal(FrameInfo), Signal(), Signal()
+        level = Signal(8)
+        frames = Signal(range(FRAMES_IN_FLIGHT + 1))  # in progress
+        bank = self._store(m, register, frames, stored_info, announce, announce_pending, level)
+        remap = self._read_again(m, bank, stored_info, announce_pending)
+        labelling, reconstruction = self._measure(m, remap, register, level)
+        self._sum_counts(m, labelling, reconstruction)
 
-        # First reading: the frame is stored, the histogram listens.
+        # A frame is in progress from its first pixel until its end marker has left as a point.
+        m.submodules.numbers = numbers = DomainRenamer("spot")(
+            SyncFIFO(width=16, depth=FRAMES_IN_FLIGHT))
+        begin, end = Signal(), Signal()
+        m.d.comb += [
+            begin.eq(self.info.valid & self.info.ready),
+            end.eq(self.o.valid & self.o.ready & self.o.p.end),
+            self.idle.eq(frames == 0),
+            self.active.eq(reconstruction.active | announce | self.table_write | self.table_read),
+            numbers.w_en.eq(announce),
+            numbers.w_data.eq(stored_info.number),
+            numbers.r_en.eq(end),
+            self.number.eq(numbers.r_data),
+        ]
+        with m.If(begin & ~end):
+            m.d.sync += frames.eq(frames + 1)
+        with m.Elif(end & ~begin):
+            m.d.sync += frames.eq(frames - 1)
+        return m
+
+    def _store(self, m, register, frames, stored_info, announce, announce_pending, level):
+        """First pass: the frame is stored, counted by the histogram, and announced.
+
+        It is announced when its threshold is known, or when it is broken. Then it is read again.
+        """
+        size = {"width": self.config.width, "height": self.config.height}
         m.submodules.image_bank = bank = ImageBank(**size)
         m.submodules.histogram = histogram = Histogram(**size, whole=True)
         m.submodules.threshold = threshold = Threshold(**size, whole=True)
-        m.submodules.frame_info = frame_info = spot_side(SyncFIFO(
+        m.submodules.frame_info = frame_info = DomainRenamer("spot")(SyncFIFO(
             width=Shape.cast(FrameInfo).width, depth=FRAMES_IN_FLIGHT))
         connect(m, flipped(self.i), bank.i)
+        connect(m, frame_info.r_stream, flipped(self.frames))
+        threshold_valid, announced = Signal(), Signal(FrameInfo)
         m.d.comb += [
             histogram.i.valid.eq(self.i.valid),
             histogram.i.payload.eq(self.i.payload),
@@ -143,40 +174,31 @@ class PaperPoints(wiring.Component):
             threshold.threshold_alpha.eq(register["threshold_alpha"]),
             threshold.fixed.eq(register["threshold_fixed"]),
             threshold.fixed_level.eq(register["threshold_level"]),
-        ]
-
-        # A frame is announced when its level is known, or when it has turned out to be broken.
-        # Only then it is read again.
-        under_way = Signal(range(FRAMES_IN_FLIGHT + 1))
-        waiting, threshold_valid = Signal(), Signal()
-        known_of_it = Signal(FrameInfo)
-        announced = Signal(FrameInfo)
-        level = Signal(8)
-        announces = Signal()
-        m.d.comb += [
             self.info.ready.eq(bank.free & histogram.clean & frame_info.w_rdy
-                               & (under_way < FRAMES_IN_FLIGHT)),
-            announces.eq(waiting & bank.stored.valid & (bank.stored.p | threshold_valid)),
-            announced.eq(known_of_it),
+                               & (frames < FRAMES_IN_FLIGHT)),
+            announce.eq(announce_pending & bank.stored.valid & (bank.stored.p | threshold_valid)),
+            announced.eq(stored_info),
             announced.level.eq(threshold.level),
             announced.learning.eq(0),
-            frame_info.w_en.eq(announces),
+            frame_info.w_en.eq(announce),
             frame_info.w_data.eq(announced),
         ]
         with m.If(self.info.valid & self.info.ready):
-            m.d.sync += [waiting.eq(1), threshold_valid.eq(0), known_of_it.eq(self.info.p)]
-        with m.If(announces):
-            m.d.sync += [waiting.eq(0), level.eq(threshold.level)]
+            m.d.sync += [
+                announce_pending.eq(1), threshold_valid.eq(0), stored_info.eq(self.info.p)]
+        with m.If(announce):
+            m.d.sync += [announce_pending.eq(0), level.eq(threshold.level)]
         with m.If(threshold.known):
             m.d.sync += threshold_valid.eq(1)
-        connect(m, frame_info.r_stream, flipped(self.frames))
+        return bank
 
-        # Second reading, through the remap table.
-        m.submodules.remap = remap = Remap(**size)
+    def _read_again(self, m, bank, stored_info, announce_pending):
+        """Second pass, through the remap table."""
+        m.submodules.remap = remap = Remap(self.config.width, self.config.height)
         m.d.comb += [
-            remap.start.valid.eq(bank.stored.valid & ~waiting),
+            remap.start.valid.eq(bank.stored.valid & ~announce_pending),
             remap.start.payload.eq(bank.stored.payload),
-            bank.stored.ready.eq(remap.start.ready & ~waiting),
+            bank.stored.ready.eq(remap.start.ready & ~announce_pending),
             bank.address.eq(remap.address),
             bank.read.eq(remap.read),
             remap.grey.eq(bank.grey),
@@ -185,26 +207,22 @@ class PaperPoints(wiring.Component):
             remap.ask.ready.eq(self.command[1].ready),
             remap.answer.valid.eq(self.answer[1].valid),
             remap.answer.payload.eq(self.answer[1].p),
-        ]
-
-        m.d.comb += [
             self.corrected.valid.eq(remap.o.valid & remap.o.ready),
             self.corrected.payload.eq(remap.o.payload),
-            self.corrected_info.number.eq(known_of_it.number),
+            self.corrected_info.number.eq(stored_info.number),
         ]
+        return remap
 
-        # Spots. While the last pixels of a frame wait for labelling, the next frame's level may
-        # already be known: each keeps the one that its first pixel met.
+    def _measure(self, m, remap, register, level):
+        """Pixels to spots, spots to points."""
+        config = self.config
         m.submodules.binarise = binarise = Binarise(8)
         m.submodules.erosion = erosion = Erosion(config.width)
         m.submodules.labelling = labelling = TwoPassLabelling(
-            **size, labels=config.labels, base=LABEL_BASE, interval=_SPOT_CLOCKS)
-        m.submodules.reconstruction = reconstruction = spot_side(Reconstruction(config))
-        inside, kept_level = Signal(), Signal(8)
-        with m.If(remap.o.valid & remap.o.ready):
-            m.d.sync += inside.eq(~remap.o.p.marker.frame_end)
-        with m.If(~inside):
-            m.d.sync += kept_level.eq(level)
+            config.width, config.height, labels=config.labels, base=LABEL_BASE,
+            interval=_SPOT_CLOCKS)
+        m.submodules.reconstruction = reconstruction = DomainRenamer("spot")(
+            Reconstruction(config))
         connect(m, remap.o, binarise.i)
         connect(m, binarise.o, erosion.i)
         connect(m, erosion.o, labelling.i)
@@ -212,17 +230,26 @@ class PaperPoints(wiring.Component):
         connect(m, reconstruction.o, flipped(self.o))
         connect(m, labelling.command, flipped(self.command[0]))
         connect(m, flipped(self.answer[0]), labelling.answer)
+        connect_ports(m, TABLE_PORT, self, reconstruction)
+        # While the last pixels of a frame wait for labelling, the threshold of the next one may
+        # already be known: each frame keeps the one of its first pixel.
+        inside, kept_level = Signal(), Signal(8)
+        with m.If(remap.o.valid & remap.o.ready):
+            m.d.sync += inside.eq(~remap.o.p.marker.frame_end)
+        with m.If(~inside):
+            m.d.sync += kept_level.eq(level)
         m.d.comb += [
             binarise.level.eq(Mux(inside, kept_level, level)),
             binarise.enable.eq(1),
             erosion.mode.eq(register["erosion_mode"]),
+            *(getattr(reconstruction, name).eq(register[name])
+              for name in reconstruction.registers),
         ]
-        connect_ports(m, TABLE_PORT, self, reconstruction)
-        m.d.comb += [getattr(reconstruction, name).eq(register[name])
-                     for name in reconstruction.registers]
+        return labelling, reconstruction
 
-        # Components that labelling had no labels for are counted with the others.
-        m.submodules.unlabelled = unlabelled = spot_side(SyncFIFO(
+    def _sum_counts(self, m, labelling, reconstruction):
+        """Components for which there were no labels are counted with the others."""
+        m.submodules.unlabelled = unlabelled = DomainRenamer("spot")(SyncFIFO(
             width=16, depth=FRAMES_IN_FLIGHT))
         m.d.comb += [
             unlabelled.w_en.eq(labelling.o.valid & labelling.o.ready & labelling.o.p.end),
@@ -238,22 +265,3 @@ class PaperPoints(wiring.Component):
                 total.eq(reconstruction.counts.p[name] + unlabelled.r_data),
                 self.counts.p[name].eq(total[:16] | total[16].replicate(16)),
             ]
-
-        # A frame is under way from its first pixel until its end marker has left as a point.
-        m.submodules.numbers = numbers = spot_side(SyncFIFO(width=16, depth=FRAMES_IN_FLIGHT))
-        begins, ends = Signal(), Signal()
-        m.d.comb += [
-            begins.eq(self.info.valid & self.info.ready),
-            ends.eq(self.o.valid & self.o.ready & self.o.p.end),
-            self.idle.eq(under_way == 0),
-            self.active.eq(reconstruction.active | announces | self.table_write | self.table_read),
-            numbers.w_en.eq(announces),
-            numbers.w_data.eq(known_of_it.number),
-            numbers.r_en.eq(ends),
-            self.number.eq(numbers.r_data),
-        ]
-        with m.If(begins & ~ends):
-            m.d.sync += under_way.eq(under_way + 1)
-        with m.Elif(ends & ~begins):
-            m.d.sync += under_way.eq(under_way - 1)
-        return m

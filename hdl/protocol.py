@@ -48,7 +48,7 @@ class COMPACT:
 
     Short (``long`` = 0): v as ``v - v_before + V_OFFSET`` in V_BITS, u in 18, area in AREA_BITS.
     Long (``long`` = 1): v in 18, u in 18, area in 8. ``v_before`` is the v of the point before in
-    the same packet, 0 for the first. A point is short where it fits. Points follow each other
+    the same packet, 0 for the first. A point is short if its values fit. Points follow each other
     without padding; zeros fill the last octet.
     """
 
@@ -76,11 +76,11 @@ class Flag(IntEnum):
     """Bits of the octet ``flags``."""
 
     WIDE = 0  # the counts have 16 bits each
-    LEARNING = 1  # no threshold was known: no points
+    LEARNING = 1  # no threshold was known yet, so no points
     BROKEN = 2  # the frame lost synchronism
-    LASER = 3  # the laser was lit during the exposure
+    LASER = 3  # the laser was on during the exposure
     CAPTURE = 4  # taken in calibration capture
-    TRIPPED = 5  # the laser guard holds a cause, see STATUS
+    TRIPPED = 5  # the laser guard has tripped, see STATUS
     TABLES_VALID = 6  # a set of tables was committed and checked
     TEXTURE = 7  # sent as an image, not measured
 
@@ -122,14 +122,14 @@ class Command(IntEnum):
 
     IDENTIFY = 0x01  # no data; reply: IDENTITY_FIELDS
     WRITE = 0x02  # register (8 bits), value (32)
-    READ = 0x03  # register (8); reply: the value it has or will have, 32
+    READ = 0x03  # register (8); reply: its value as written, 32
     BEGIN = 0x04  # width (16), height (16), beams (8), TABLE_VERSION (8): a new set of tables
     TABLE = 0x05  # table (8), first word (16), words
     COMMIT = 0x06  # CRC-32 of every table's words, 32 each: check, swap at the next frame's start
     READ_TABLE = 0x07  # table (8), first word (16), number (8); reply: words of the new set
     STATUS = 0x08  # no data; reply: STATUS_FIELDS
-    CAPTURE = 0x09  # milliseconds (16): laser without valid tables, for so long at most; 0 ends it
-    CLEAR = 0x0A  # forget the laser guard's causes
+    CAPTURE = 0x09  # milliseconds (16): laser without valid tables, at most that long; 0 ends it
+    CLEAR = 0x0A  # clear the laser guard's causes
 
 
 class Reason(IntEnum):
@@ -137,15 +137,15 @@ class Reason(IntEnum):
 
     OK = 0  # carried out
     UNKNOWN_COMMAND = 1  # no command has this code
-    WRONG_LENGTH = 2  # more or fewer octets than the command takes
+    WRONG_LENGTH = 2  # more or fewer octets than the command has
     UNKNOWN_REGISTER = 3  # no register has this address
     OUT_OF_RANGE = 4  # value, address or number
-    OTHER_SENSOR = 5  # BEGIN with another size, number of beams or version
+    OTHER_SENSOR = 5  # BEGIN for another sensor size, number of beams or version
     UNKNOWN_TABLE = 6  # no table has this number
-    BUSY = 7  # a committed set waits for its frame, or the spots of a frame hold the tables
+    BUSY = 7  # a committed set waits for its frame, or a frame's spots are using the tables
     NO_BEGIN = 8  # TABLE or COMMIT without BEGIN
-    DAMAGED_TABLE = 9  # COMMIT: what the memory holds has another CRC
-    NOT_STOPPED = 10  # write during a frame: stop first (mode 0)
+    DAMAGED_TABLE = 9  # COMMIT: the words in the memory have another CRC
+    NOT_STOPPED = 10  # not while frames are taken: stop first (mode 0)
     DAMAGED_PACKET = 11  # wrong check; tag and command are then zero
 
 
@@ -169,16 +169,16 @@ class Register:
     meaning: str
     low: int = 0
     high: int | None = None  # None: all values above `low`
-    signed: bool = False  # `low` and `high` are then not heard: all values
+    signed: bool = False  # all values are then allowed
     only_stopped: bool = False  # may be written only while the mode is 0
 
 
 def registers(clock_hz=16_000_000, baud=115_200):
     """All registers, of a chip with that clock.
 
-    Writing one is heard at the next pattern frame's start at which no spot of an older frame is
-    under way; all that were written until then change together. Only ``mode`` 0 does not wait: no
-    frame begins after it.
+    A written value acts from the start of the next pattern frame at which no spot of an older
+    frame is on its way; all that were written until then change together. Only ``mode`` 0 does not
+    wait: no frame begins after it.
     """
     divisor = round(clock_hz / baud)
     return (
@@ -190,7 +190,7 @@ def registers(clock_hz=16_000_000, baud=115_200):
         Register(0x04, "texture_reset_us", 16, 100, "sensor reset before the texture", low=1),
         Register(0x05, "texture_us", 16, 10_000, "integration of the texture, laser off", low=1),
         Register(0x06, "pattern_as_texture", 1, 0,
-                 "in mode 3, send pattern frames as textures are sent, and no points of them"),
+                 "in mode 3, send pattern frames as texture frames, without points"),
         Register(0x10, "threshold_fixed", 1, 0, "use `threshold_level` instead of the learnt one"),
         Register(0x11, "threshold_level", 8, 0, "fixed threshold"),
         Register(0x12, "threshold_alpha", 8, 5 << 4,
@@ -199,7 +199,8 @@ def registers(clock_hz=16_000_000, baud=115_200):
         Register(0x14, "weighted", 1, 1, "weigh pixels by grey - level + 1"),
         Register(0x15, "area_min", 8, 3, "smallest area of a spot in pixels", low=1),
         Register(0x16, "area_max", 8, 255, "largest area of a spot in pixels", low=1),
-        Register(0x17, "report_rejected", 1, 0, "list rejected spots, while the queue has room"),
+        Register(0x17, "report_rejected", 1, 0, "send rejected spots too, while the queue is less "
+                 "than half full"),
         Register(0x18, "principal_u", 18, 0, "principal point, unsigned Q9.9 pixels"),
         Register(0x19, "principal_v", 18, 0, "principal point, unsigned Q9.9 pixels"),
         Register(0x1A, "tangential_1", 18, 0, "p1 over the focal length, times 2^27", signed=True),
@@ -209,7 +210,7 @@ def registers(clock_hz=16_000_000, baud=115_200):
         Register(0x21, "full_records", 1, 0, "send points as records of 9 octets with beam and "
                  "1/z"),
         Register(0x22, "texture_enable", 1, 1, "send texture"),
-        Register(0x23, "points_max", 8, 72, "ok points of a frame that are sent, the first ones; "
+        Register(0x23, "points_max", 8, 72, "ok points of a frame that are sent at most; "
                  "0 is no limit"),
     )
 
@@ -222,7 +223,7 @@ class Table:
     name: str
     words: int | None  # None: as many as the sensor's size makes them
     fields: tuple
-    banked: bool = True  # else it is written only while the mode is 0, and no set is valid then
+    banked: bool = True  # else writing needs mode 0, and makes the tables invalid
 
     @property
     def bits(self):
@@ -271,10 +272,10 @@ def tables(preset):
 #: Causes that the laser guard holds until CLEAR, bits of ``guard_causes``.
 GUARD_CAUSES = (
     "pulse",  # longer than the ceiling
-    "repetition",  # too soon after the one before
+    "repetition",  # too soon after the pulse before
     "duty",  # too much light in the window
-    "not_armed",  # asked for light without valid tables or capture
-    "heartbeat",  # frames stopped coming
+    "not_armed",  # light was requested without valid tables or capture
+    "heartbeat",  # frames stopped arriving
 )
 
 #: Reply to IDENTIFY.
@@ -284,7 +285,7 @@ IDENTITY_FIELDS = (
     Field("width", 16, "sensor width, pixels"),
     Field("height", 16, "sensor height, pixels"),
     Field("beams", 8, "beams of the mesh"),
-    Field("lanes", 8, "lines that are tried at a time"),
+    Field("lanes", 8, "epipolar lines compared at a time"),
     Field("preset", 8, "0 capsule, 1 paper"),
     Field("clock_khz", 16, "system clock"),
 )
@@ -295,7 +296,7 @@ STATUS_FIELDS = (
                       "for its frame, 4 active bank, 5 and 6 mode, 7 sensor silent"),
     Field("guard_causes", 8, "see GUARD_CAUSES"),
     Field("pairs", 16, "pattern exposures since the start, modulo 65536"),
-    Field("timeouts", 8, "frames that the sensor did not send"),
+    Field("timeouts", 8, "frames that the sensor did not send in time"),
     Field("bad_sync", 8, "frames that lost synchronism"),
     Field("overrun", 8, "pixels lost between the clocks"),
     Field("skipped", 8, "frames skipped because a buffer was full"),

@@ -1,4 +1,4 @@
-"""What the host asks for, carried out and answered."""
+"""Carries out the host's commands, and replies."""
 
 from amaranth import *
 from amaranth.lib import stream, wiring
@@ -349,7 +349,7 @@ class Commands(wiring.Component):
                 m.next = "EXECUTE"
 
     def _load_octet(self, m, s, octets):
-        """The buffer's octet to its place in ``word``, one of so many, and on to the next."""
+        """Put the buffer's octet into ``word``, one of its first ones, and go on to the next."""
         for index in range(octets):
             with m.If(s.octet_select[index]):
                 m.d.sync += s.word[8 * index:8 * index + 8].eq(self.data)

@@ -22,16 +22,15 @@ class Framer(wiring.Component):
 
     On the line a packet is 00, COBS (Cheshire and Baker, 1999) of kind, sequence number, body and
     CRC-32/ISO-HDLC (low octet first), 00. A packet is assembled in one half of a memory while the
-    other half is sent: an octet every 9 clocks, the sequence number and the check likewise, and 2
-    more for the packet. It begins only when a half is free, and goes on as fast as octets come;
-    the sequence number counts packets, from 0 after reset.
+    other half is sent: 9 clocks an octet, the sequence number and the check likewise, and 2 more
+    for the packet. Assembly begins only when a half is free, and is as fast as octets come. The
+    sequence number counts packets, from 0 after reset.
 
     Sending starts when the packet is whole. Octets are offered at the pace of
     :class:`hdl.link.uart_tx.UARTTransmitter`, each in the clock in which that can take it, so that
-    they follow each other without a pause. After a packet's last stop bit the line rests for the
-    time of three characters, at the least. No octet is offered in a clock in which ``cts`` is low,
-    so that an octet already on the line is the last one after ``cts`` falls. Reset forgets all
-    packets.
+    they follow each other without a pause. After a packet's last stop bit the line is idle for at
+    least three character times. No octet is offered in a clock in which ``cts`` is low, so that an
+    octet already on the line is the last one after ``cts`` falls. Reset discards all packets.
 
     Members
     -------
@@ -46,9 +45,9 @@ class Framer(wiring.Component):
     packets : :py:`Out(16)`
         Packets taken, modulo 65,536.
     free : :py:`Out(1)`
-        A packet that is offered now can be taken at once.
+        A packet that is offered in this clock is taken at once.
     busy : :py:`Out(1)`
-        A packet is on its way, or the pause behind it: the clock is needed.
+        A packet is on its way, or the pause after it: the clock is needed.
     """
 
     def __init__(self):
@@ -64,18 +63,24 @@ class Framer(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.crc = crc = catalog.CRC32_ISO_HDLC(data_width=1).create()
         # The ninth bit marks a packet's last octet.
         m.submodules.memory = memory = Memory(shape=9, depth=2 * _BANK, init=[])
-        write, read = memory.write_port(), memory.read_port()
+        full = Signal(2)  # halves that hold a whole packet
+        assembling = self._assemble(m, memory.write_port(), full)
+        due = self._send(m, memory.read_port(), full)
+        m.d.comb += self.busy.eq(full.any() | ~due | assembling | self.i.valid)
+        return m
 
-        # Assembly. An octet is shifted in a bit a clock, so that the check is, too. A zero is not
-        # written: its place gets the distance to the next one, once that is known.
-        full = Signal(2)
+    def _assemble(self, m, write, full):
+        """Packets into the memory; high between a packet's kind and its end.
+
+        An octet is shifted in a bit a clock, as the check is. A zero is not written: its position
+        gets the distance to the next one, once that is known.
+        """
+        m.submodules.crc = crc = catalog.CRC32_ISO_HDLC(data_width=1).create()
         write_half = Signal()
-        read_half = Signal()
         octet, bit_number = Signal(8), Signal(3)
-        place, zero_place = Signal(range(_BANK), init=1), Signal(range(_BANK))
+        position, zero_position = Signal(range(_BANK), init=1), Signal(range(_BANK))
         kind, number, checking = Signal(init=1), Signal(), Signal()
         last, check_left = Signal(), Signal(range(_CHECK_OCTETS), init=_CHECK_OCTETS - 1)
         shift, bit, to_zero, ending = Signal(), Signal(), Signal(), Signal()
@@ -86,8 +91,8 @@ class Framer(wiring.Component):
             crc.valid.eq(shift),
             crc.data.eq(bit ^ checking),
             to_zero.eq((octet == 0) | ending),
-            write.addr.eq(Cat(Mux(to_zero, zero_place, place), write_half)),
-            write.data[:8].eq(Mux(to_zero, place - zero_place, octet)),
+            write.addr.eq(Cat(Mux(to_zero, zero_position, position), write_half)),
+            write.data[:8].eq(Mux(to_zero, position - zero_position, octet)),
         ]
         with m.If(shift):
             m.d.sync += [octet.eq(Cat(octet[1:], bit)), bit_number.eq(bit_number + 1)]
@@ -109,9 +114,10 @@ class Framer(wiring.Component):
                 m.d.comb += [write.en.eq(1), write.data[8].eq(checking & (check_left == 0))]
                 with m.If(to_zero):
                     m.d.comb += write.data[8].eq(0)
-                    m.d.sync += zero_place.eq(place)
+                    m.d.sync += zero_position.eq(position)
                 m.d.sync += [
-                    place.eq(place + 1), kind.eq(0), number.eq(kind), checking.eq(last & ~kind)]
+                    position.eq(position + 1), kind.eq(0), number.eq(kind),
+                    checking.eq(last & ~kind)]
                 m.next = "SHIFT"
                 with m.If(checking):
                     m.d.sync += check_left.eq(check_left - 1)
@@ -124,10 +130,13 @@ class Framer(wiring.Component):
                 m.d.sync += [
                     full.bit_select(write_half, 1).eq(1), write_half.eq(~write_half),
                     self.packets.eq(self.packets + 1),
-                    place.eq(1), zero_place.eq(0), kind.eq(1), checking.eq(0),
+                    position.eq(1), zero_position.eq(0), kind.eq(1), checking.eq(0),
                 ]
                 m.next = "SHIFT"
+        return ~kind
 
+    def _send(self, m, read, full):
+        """Packets from the memory; high when an octet may be taken."""
         # Bit times in step with the transmitter's: `left` is one less than the clocks left of this
         # bit, negative in its last one.
         left = Signal(signed(17), init=-1)
@@ -140,7 +149,6 @@ class Framer(wiring.Component):
             due.eq(left[16] & (bits == 0)),
             self.o.valid.eq(waiting & due & (self.cts | offered)),
             taken.eq(self.o.valid & self.o.ready),
-            self.busy.eq(full.any() | ~due | ~kind | self.i.valid),
         ]
         m.d.sync += offered.eq(self.o.valid & ~self.o.ready)
         with m.If(taken | ~due):
@@ -152,8 +160,8 @@ class Framer(wiring.Component):
         with m.Elif(left[16] & ~due):
             m.d.sync += bits.eq(bits - 1)
 
-        read_place = Signal(range(_BANK))
-        m.d.comb += [read.addr.eq(Cat(read_place, read_half)), waiting.eq(1)]
+        read_half, read_position = Signal(), Signal(range(_BANK))
+        m.d.comb += [read.addr.eq(Cat(read_position, read_half)), waiting.eq(1)]
         with m.FSM(name="sending"):
             with m.State("OPEN"):
                 m.d.comb += waiting.eq(full.bit_select(read_half, 1))
@@ -163,15 +171,14 @@ class Framer(wiring.Component):
             with m.State("DATA"):
                 m.d.comb += self.o.payload.eq(read.data)
                 with m.If(taken):
-                    m.d.sync += read_place.eq(read_place + 1)
+                    m.d.sync += read_position.eq(read_position + 1)
                     with m.If(read.data[8]):
                         m.next = "CLOSE"
 
             with m.State("CLOSE"), m.If(taken):
                 m.d.sync += [
                     full.bit_select(read_half, 1).eq(0), read_half.eq(~read_half),
-                    read_place.eq(0), bits.eq(_CHARACTER * (1 + GAP_CHARACTERS) - 1),
+                    read_position.eq(0), bits.eq(_CHARACTER * (1 + GAP_CHARACTERS) - 1),
                 ]
                 m.next = "OPEN"
-
-        return m
+        return due

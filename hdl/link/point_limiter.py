@@ -11,18 +11,18 @@ __all__ = ["PointLimiter"]
 
 
 class PointLimiter(wiring.Component):
-    """Lets so many ok points of a frame through; those after them are counted as dropped.
+    """Passes the first ``limit`` ok points of a frame, and counts the others as dropped.
 
-    So a frame full of false points costs its own last points, and not the frames behind it, which
-    would find no room. Points that are not ok pass: few of them are ever sent. An end marker waits
-    for its frame's counts, and for room for them. Reset forgets all counts.
+    So a frame full of false points loses its own last points, and not the frames behind it, for
+    which the buffer would be full. Points that are not ok pass: few of them are ever sent. An end
+    marker waits for its frame's counts, and for space in their queue. Reset discards all counts.
 
     Latency: 0 for points. Counts come out 1 clock after their frame's end marker.
 
     Parameters
     ----------
     frames : :class:`int`
-        Frames whose counts may wait.
+        Frames whose counts the queue can hold.
 
     Members
     -------
@@ -55,16 +55,16 @@ class PointLimiter(wiring.Component):
 
         passed = Signal(8)
         dropped = Signal(16)
-        is_ok, over, end_may = Signal(), Signal(), Signal()
+        is_ok, over, end_ready = Signal(), Signal(), Signal()
         total = Signal(17)
         counts = Signal(Counts)
         m.d.comb += [
             is_ok.eq(~point.end & (point.status == Status.OK)),
             over.eq(is_ok & (self.limit != 0) & (passed == self.limit)),
-            end_may.eq(self.counts_i.valid & queue.w_rdy),
+            end_ready.eq(self.counts_i.valid & queue.w_rdy),
             self.o.payload.eq(self.i.payload),
-            self.o.valid.eq(self.i.valid & Mux(point.end, end_may, ~over)),
-            self.i.ready.eq(over | (self.o.ready & (~point.end | end_may))),
+            self.o.valid.eq(self.i.valid & Mux(point.end, end_ready, ~over)),
+            self.i.ready.eq(over | (self.o.ready & (~point.end | end_ready))),
             total.eq(self.counts_i.p.dropped + dropped),
             counts.eq(self.counts_i.payload),
             counts.dropped.eq(total[:16] | total[16].replicate(16)),

@@ -170,8 +170,8 @@ class Points(wiring.Component):
     def _difference(self, m, s):
         """v less the one before, plus one pixel, from the lowest bit on.
 
-        While the point is read the one before goes round; while it is written this one takes its
-        place.
+        While the point is read, the one before is rotated; while it is written, this one replaces
+        it.
         """
         ahead_now, difference = Signal(), Signal()
         m.d.comb += [
@@ -197,9 +197,9 @@ class Points(wiring.Component):
     def _count(self, m, s):
         """Counts of points by status, then those that no packet lists.
 
-        While a point is read its counter goes round, one is added; in the trailer all leave as one
-        chain, zeros following, and the spots rejected before they were points are added to two of
-        them on the way.
+        While a point is read its counter is rotated and one is added; in the trailer all are
+        shifted out as one chain, zeros following, and the spots that were rejected before they were
+        points are added to two of them on the way.
         """
         index, status = s.index, self.i.p.status.as_value()
         counters = [Signal(16, name=f"count_{name}") for name in _CHAINED]

@@ -19,15 +19,15 @@ SHORTEST = 2
 class Receiver(wiring.Component):
     """Undoes COBS between delimiters (00), checks the CRC-32, and keeps the packet.
 
-    ``o`` becomes valid two clocks after a packet's closing delimiter came, and tells the length of
-    its content without the check; the content then stands in a buffer that ``address`` reads. As
-    long as ``o`` is not taken, the buffer belongs to whoever reads it, who may also write it, and
-    octets from the host are lost: what they belong to is damaged.
+    ``o`` becomes valid two clocks after a packet's closing delimiter arrived, with the length of
+    its content without the check; the content is then in a buffer that ``address`` reads. Until
+    ``o`` is taken the buffer belongs to its reader, who may also write it, and octets from the host
+    are lost: the packet that they belong to is damaged.
 
-    ``damaged`` tells, two clocks after the delimiter that ends it, of a packet with a wrong check,
-    with a COBS code that leads beyond its end, with a content (check included) of more than
-    :data:`hdl.protocol.CONTENT_LIMIT` octets or of less than :data:`SHORTEST` and a check, or of
-    which octets were lost. Nothing between two delimiters is no packet. After any damage the next
+    ``damaged`` reports, two clocks after the delimiter that ends it, a packet with a wrong check,
+    with a COBS code that points beyond its end, with a content (check included) of more than
+    :data:`hdl.protocol.CONTENT_LIMIT` octets or of less than :data:`SHORTEST` and a check, or with
+    lost octets. Nothing between two delimiters is not a packet. After any damage the next
     delimiter starts anew.
 
     Members
@@ -37,7 +37,7 @@ class Receiver(wiring.Component):
     o : :py:`Out(stream.Signature(7))`
         Length of a packet that may be read.
     damaged : :py:`Out(1)`
-        High for a clock: there was a packet, but not a good one.
+        High for a clock: a damaged packet ended.
     address : :py:`In(7)`
         Octet of the buffer.
     data : :py:`Out(8)`
@@ -73,7 +73,7 @@ class Receiver(wiring.Component):
         delimiter = Signal()
         store = Signal()
         full = Signal()
-        # Octets come so far apart that what steers them may be a clock late.
+        # Octets come so far apart that their control signals may be a clock late.
         m.d.sync += [
             full.eq(count == CONTENT_LIMIT),
             is_code.eq(left == 0),
@@ -83,7 +83,7 @@ class Receiver(wiring.Component):
             store.eq(self.i.valid & (octet != 0) & ~(is_code & empty)),
         ]
 
-        # A code stands for the zero before it, but for a packet's first.
+        # A code stands for the zero before it, except for a packet's first one.
         plain = Signal(8)
         m.d.comb += plain.eq(Mux(is_code, 0, octet))
         with m.If(self.i.valid):

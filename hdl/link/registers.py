@@ -11,12 +11,12 @@ __all__ = ["Registers", "register_members"]
 
 
 def register_members(clock_hz, baud):
-    """Members of a signature that tell of every register as it acts, by its name.
+    """Outputs for every register as it acts, by its name.
 
     Raises
     ------
     ValueError
-        If clock and rate do not go together.
+        If the clock cannot make that rate.
     """
     for name, value in [("System clock", clock_hz), ("Baud rate", baud)]:
         if not isinstance(value, int) or value < 1:
@@ -33,11 +33,11 @@ class Registers(wiring.Component):
 
     ``write`` sets the value as written in the next clock; it may be high only for a register that
     is ``known`` and a value that ``fits``. ``hand_over`` makes all values act in the next clock,
-    together; what is written in its own clock acts from the one after on. Reset sets all of them
-    to their reset values.
+    together; a value written in the same clock is not handed over yet. Reset sets all of them to
+    their reset values.
 
     A single pair ends by itself: ``single_done`` sets ``mode`` to stop if a single pair is what
-    acts, in both places unless another mode was written meanwhile.
+    acts, and as written too unless another mode was written meanwhile.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ class Registers(wiring.Component):
     Members
     -------
     address, value : :py:`In(8)`, :py:`In(32)`
-        Register and the value to write, in two's complement if the register is signed. What
-        follows is about the address of the clock before, and the value of this one.
+        Register and the value to write, in two's complement if the register is signed. All members
+        below refer to the address of the clock before, and to the value of this one.
     known, fits, only_stopped : :py:`Out(1)`
         There is a register of that address; the value is inside its limits; it may be written
         only while the chip is stopped.
@@ -83,26 +83,26 @@ class Registers(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        # A flip-flop for each register tells that it is meant: with them the choices below take
-        # half of what they take behind the address.
-        chosen = Signal(len(self.table))
-        m.d.sync += chosen.eq(Cat(self.address == register.address for register in self.table))
+        # A flip-flop for each register selects it: with them the choices below take half of the
+        # logic that they take behind the address.
+        selected = Signal(len(self.table))
+        m.d.sync += selected.eq(Cat(self.address == register.address for register in self.table))
         fits, only_stopped, read_data = 0, 0, 0
         written = {}
-        for meant, register in zip(chosen, self.table, strict=True):
+        for is_selected, register in zip(selected, self.table, strict=True):
             name = register.name
             value = written[name] = Signal(
                 register_shape(register), name=f"{name}_written", init=register.reset)
-            with m.If(meant & self.write):
+            with m.If(is_selected & self.write):
                 m.d.sync += value.eq(self.value)
-            fits |= meant & self._fits(register)
+            fits |= is_selected & self._fits(register)
             if register.only_stopped:
-                only_stopped |= meant
+                only_stopped |= is_selected
             wide = Signal(signed(32), name=f"{name}_wide")
             m.d.comb += wide.eq(value)
-            read_data |= wide & meant.replicate(32)
+            read_data |= wide & is_selected.replicate(32)
         m.d.comb += [
-            self.known.eq(chosen.any()),
+            self.known.eq(selected.any()),
             self.fits.eq(fits),
             self.only_stopped.eq(only_stopped),
             self.read_data.eq(read_data),
@@ -116,7 +116,7 @@ class Registers(wiring.Component):
         done = Signal()
         m.d.comb += done.eq(self.single_done & (mode == Mode.SINGLE))
         new = Signal()
-        with m.If(self.write & chosen[self._index("mode")]):
+        with m.If(self.write & selected[self._index("mode")]):
             m.d.sync += new.eq(1)
         with m.Else():
             with m.If(self.hand_over):

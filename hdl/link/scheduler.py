@@ -10,11 +10,11 @@ __all__ = ["Scheduler"]
 
 
 class Scheduler(wiring.Component):
-    """Lets sources send a packet each, the first one that has one before the others.
+    """Passes whole packets, those of the source with the highest priority first.
 
-    The choice is made once for a packet, and holds until its ``last`` octet. It is made 16 clocks
-    after the octet before at the earliest: the framer needs longer for a check, and a source that
-    goes on within that time keeps its turn. Octets pass without a clock between.
+    A source is selected once for a packet, until its ``last`` octet. This happens at least 16
+    clocks after the previous octet: the framer needs longer for a check, and a source that has
+    another packet within that time keeps its priority. Octets pass without a clock between.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Scheduler(wiring.Component):
     i_0, i_1, ... : :py:`In(stream.Signature(PacketOctet))`
         Packets, in falling priority.
     o : :py:`Out(stream.Signature(PacketOctet))`
-        The packets chosen.
+        The packets selected.
     """
 
     latency = 0
@@ -43,11 +43,11 @@ class Scheduler(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         inputs = [getattr(self, f"i_{n}") for n in range(self.sources)]
-        chosen = Signal(self.sources)  # one hot; none between packets
-        rest = Signal(range(17), init=16)  # its top bit tells that the clocks are over
+        selected = Signal(self.sources)  # one hot; none between packets
+        rest = Signal(range(17), init=16)  # its top bit is high when the clocks are over
 
         for n, each in enumerate(inputs):
-            with m.If(chosen[n]):
+            with m.If(selected[n]):
                 m.d.comb += [
                     self.o.valid.eq(each.valid),
                     self.o.payload.eq(each.payload),
@@ -55,11 +55,11 @@ class Scheduler(wiring.Component):
                 ]
         with m.If(~rest[-1]):
             m.d.sync += rest.eq(rest + 1)
-        with m.Elif(~chosen.any()):
+        with m.Elif(~selected.any()):
             before = C(0, 1)
             for n, each in enumerate(inputs):
-                m.d.sync += chosen[n].eq(each.valid & ~before)
+                m.d.sync += selected[n].eq(each.valid & ~before)
                 before = before | each.valid
         with m.If(self.o.valid & self.o.ready & self.o.p.last):
-            m.d.sync += [chosen.eq(0), rest.eq(0)]
+            m.d.sync += [selected.eq(0), rest.eq(0)]
         return m

@@ -15,7 +15,7 @@ __all__ = ["Transmitter"]
 
 
 class Transmitter(wiring.Component):
-    """Sends points first, then answers to the host, then texture in what is left of the line.
+    """Sends points first, then replies to the host, and texture with the rest of the line's time.
 
     Parameters
     ----------
@@ -27,14 +27,14 @@ class Transmitter(wiring.Component):
     points, reply : :py:`In(stream.Signature(PacketOctet))`
         Packets.
     more : :py:`In(1)`
-        Points are waiting, though their packet is not made yet: pixels wait for them.
+        Points are waiting whose packet is not complete yet: pixels wait for them.
     texture, texture_info : :py:`In(stream.Signature(GreyPixel))`, \
     :py:`In(stream.Signature(FrameInfo))`
         Texture frames as they pass, and their announcements, see :class:`.texture.Texture`.
     texture_enable : :py:`In(1)`
         Send texture.
     bad_sync, overrun : :py:`In(8)`
-        The camera's counters, told with each texture frame.
+        The camera's counters, reported with each texture frame.
     divisor : :py:`In(16)`
         Clocks per bit.
     cts : :py:`In(1)`

@@ -12,15 +12,15 @@ class UARTReceiver(wiring.Component):
     """Receives octets from an asynchronous serial line: start bit, eight bits, stop bit.
 
     The line passes two flip-flops and a filter, the majority of its last three levels, which
-    takes away what lasts one clock. A start bit counts if the line is still low in its middle.
-    Bits are taken in their middles, counted from the falling edge of the start bit, and the next
+    removes glitches of one clock. A start bit counts if the line is still low in its middle.
+    Bits are sampled in their middles, counted from the falling edge of the start bit, and the next
     start bit may come from the middle of the stop bit on: with a divisor of 12 or more the baud
     rates may differ by 3 %, with 4 or more by 1 %, with 2 or 3 not at all.
 
     An octet is at ``o`` for one clock, :attr:`latency` clocks after the middle of its stop bit; it
     cannot wait. A character without a stop bit gives a pulse of ``framing`` and no octet, and the
-    next start bit is looked for once the line has been high: a break counts as one character.
-    Reset forgets what is under way.
+    next start bit counts once the line has been high: a break is one character. Reset discards
+    the character in progress.
 
     Members
     -------
@@ -58,8 +58,8 @@ class UARTReceiver(wiring.Component):
         m.d.sync += before.eq(Cat(line, before[0]))
         m.d.comb += level.eq((line & before[0]) | (line & before[1]) | before.all())
 
-        # A one runs ahead of the bits that are shifted in: it is in the lowest place when the
-        # stop bit is due.
+        # A one runs ahead of the bits that are shifted in: it is the lowest bit when the stop bit
+        # is due.
         bits = Signal(9)
         idle = Signal(init=1)
         starting = Signal()

@@ -285,7 +285,7 @@ def _framer(m, block, g, inside):
     formal.claim(m, "link_states", (assembly <= 2) & (sending <= 2))
     formal.claim(m, "link_empty", (assembly == shift) | ~full.bit_select(writing, 1))
     formal.claim(m, "link_full", (sending == opening) | full.bit_select(reading, 1))
-    word = formal.probe(inside, ["memory"], Cat(g["read_place"], reading))
+    word = formal.probe(inside, ["memory"], Cat(g["read_position"], reading))
     formal.claim(m, "link_read", (sending != 1) | ~g["due"] | (block.o.payload == word[:8]))
 
 
@@ -297,8 +297,8 @@ def _texture(m, block, g, inside):
     formal.assume(m, "announced", ~block.i.valid | inside_frame
                   | (block.info.valid & block.info.ready))
     state = g["fsm_state"]
-    formal.claim(m, "link_due", (state == 0) | ~g["of_frame"] | g["due"])
-    formal.claim(m, "link_frame", ~inside_frame | ~g["due"])
+    formal.claim(m, "link_due", (state == 0) | ~g["of_frame"] | g["frame_due"])
+    formal.claim(m, "link_frame", ~inside_frame | ~g["frame_due"])
     index, head = g["index"], texture._HEAD
     formal.claim(m, "link_idle", (state != 0) | (index == 0))
     formal.claim(m, "link_head", (state != 1) | (

@@ -70,10 +70,13 @@ class _Shared:
         self.words_left = Signal(8)
         self.octets_left = Signal(7)
         self.first = self.word[8:24]
-        self.last_octet, self.last_word = Signal(), Signal()
+        self.last_octet = Signal()
+        self.last_word = Signal()
 
         # The table itself: octets of a word, words, the most of them in a reply, banks.
-        self.octets, self.words, self.most = Signal(4), Signal(range(most + 1)), Signal(8)
+        self.octets = Signal(4)
+        self.words = Signal(range(most + 1))
+        self.most = Signal(8)
         self.banked = Signal()
 
         # The set of tables: open for words; or committed, to act with the next pattern frame.

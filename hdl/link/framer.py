@@ -160,7 +160,8 @@ class Framer(wiring.Component):
         with m.Elif(left[16] & ~due):
             m.d.sync += bits.eq(bits - 1)
 
-        read_half, read_position = Signal(), Signal(range(_BANK))
+        read_half = Signal()
+        read_position = Signal(range(_BANK))
         m.d.comb += [read.addr.eq(Cat(read_position, read_half)), waiting.eq(1)]
         with m.FSM(name="sending"):
             with m.State("OPEN"):

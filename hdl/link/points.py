@@ -51,32 +51,46 @@ class _Shared:
         self.index = Signal(10)
 
         # The point. It is read once or, where its packet was full, twice; then written.
-        self.is_ok, self.is_record = Signal(), Signal()
-        self.reading, self.writing, self.was_read = Signal(), Signal(), Signal()
+        self.is_ok = Signal()
+        self.is_record = Signal()
+        self.reading = Signal()
+        self.writing = Signal()
+        self.was_read = Signal()
         self.bit = Signal()
         self.in_v = Signal()
-        self.is_long, self.form_is_long = Signal(), Signal()
-        self.borrow_not, self.ahead, self.too_far = Signal(), Signal(), Signal()
+        self.is_long = Signal()
+        self.form_is_long = Signal()
+        self.borrow_not = Signal()
+        self.ahead = Signal()
+        self.too_far = Signal()
         self.v_before = Signal(18)
         self.v_step = Signal()
 
-        # The frame: some of it was taken, and its form.
-        self.in_frame, self.frame_records = Signal(), Signal()
+        # The frame: whether some of it was taken, and its form.
+        self.in_frame = Signal()
+        self.frame_records = Signal()
         self.records = Signal()
 
         # The memory: a bit of the packet's points, or of the unmatched spots' records.
-        self.store, self.stored_bit, self.to_unmatched = Signal(), Signal(), Signal()
-        self.points_bits, self.unmatched_bits = Signal(10), Signal(10)
-        self.points_full, self.unmatched_full = Signal(), Signal()  # points: with records only
+        self.store = Signal()
+        self.stored_bit = Signal()
+        self.to_unmatched = Signal()
+        self.points_bits = Signal(10)
+        self.unmatched_bits = Signal(10)
+        self.points_full = Signal()  # with records only
+        self.unmatched_full = Signal()
 
         # The packet: its last one of the frame, the one of the unmatched spots; what is sent of it.
-        self.closing, self.is_unmatched = Signal(), Signal()
-        self.in_body, self.in_trailer = Signal(), Signal()
+        self.closing = Signal()
+        self.is_unmatched = Signal()
+        self.in_body = Signal()
+        self.in_trailer = Signal()
         self.shift = Signal()
         self.field = Signal()
         self.wide = Signal()
         self.in_chain = Signal()
-        self.counted, self.carry_in = Signal(), Signal()
+        self.counted = Signal()
+        self.carry_in = Signal()
 
 
 class Points(wiring.Component):

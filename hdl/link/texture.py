@@ -23,7 +23,8 @@ class _Shared:
 
     def __init__(self, width, height):
         # The next pixel to be sent: row and column, its position in either half, and the half.
-        self.row, self.column = Signal(range(height)), Signal(range(width))
+        self.row = Signal(range(height))
+        self.column = Signal(range(width))
         self.position = Signal(range(_BANK))
         self.half = Signal()
         self.number = Signal(8, reset_less=True)  # of the frame that it is from
@@ -31,10 +32,13 @@ class _Shared:
 
         # The frame that has passed: the end of its captured pixels, whether these are to be sent,
         # in which clock sending switches to them; whether its packet is to be sent, and was.
-        self.info, self.broken = Signal(FrameInfo, reset_less=True), Signal(reset_less=True)
+        self.info = Signal(FrameInfo, reset_less=True)
+        self.broken = Signal(reset_less=True)
         self.captured_end = Signal(range(_BANK))
-        self.whole, self.switch = Signal(), Signal()
-        self.frame_due, self.frame_sent = Signal(), Signal()
+        self.whole = Signal()
+        self.switch = Signal()
+        self.frame_due = Signal()
+        self.frame_sent = Signal()
 
 
 class Texture(wiring.Component):
@@ -151,7 +155,8 @@ class Texture(wiring.Component):
         link = m.d[self.domain]
         end = Signal(range(_BANK))
         index = Signal(range(_HEAD + _PIXELS + 1))
-        of_frame, fetch, in_pixels = Signal(), Signal(), Signal()
+        of_frame = Signal()
+        fetch, in_pixels = Signal(), Signal()
         pixels_left = self.enable & (s.position != end)
         self._fill_octet(m, s, read.data, index, of_frame, in_pixels)
         m.d.comb += [

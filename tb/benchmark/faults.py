@@ -175,7 +175,7 @@ FAULTS = (
           "counts.dropped.eq(total[:16])",
           "tb/link/test_point_limiter.py::test_point_limiter"),
     Fault("points_exact_fit", "hdl/link/points.py",
-          "too_full.eq(used > limit)", "too_full.eq(used >= limit)",
+          "too_full.eq(s.points_bits > limit)", "too_full.eq(s.points_bits >= limit)",
           "tb/link/test_points.py::test_points"),
     Fault("receiver_shortest", "hdl/link/receiver.py",
           "(count >= SHORTEST + _CRC_OCTETS)", "(count > SHORTEST + _CRC_OCTETS)",

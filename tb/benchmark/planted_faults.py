@@ -81,7 +81,7 @@ def found_by(fault):
         status, output = _run(fault.test, folder)
     if status not in (0, _FAILED, _STOPPED):
         raise RuntimeError(f"{fault.name}: {fault.test} cannot be run:\n{output[-2000:]}")
-    failed = re.search(r"^FAILED (\S+)", output, re.MULTILINE)
+    failed = re.search(r"^FAILED (.+?)(?: - |$)", output, re.MULTILINE)
     return failed[1] if failed else ""
 
 

@@ -1,4 +1,4 @@
-"""The whole instrument for system benches: an imager that plays images, a host that keeps watch."""
+"""The instrument for system benches: an imager that plays images, and a host that checks all."""
 
 import numpy as np
 
@@ -12,14 +12,14 @@ from scripts.host.loading import signed
 from scripts.host.rebuild import Rebuilder
 from scripts.simulation.instrument import Instrument, Line
 
-__all__ = ["Whole", "same"]
+__all__ = ["InstrumentBench", "same_frame"]
 
-#: The laser guard's ceilings in microseconds, and what the driver adds to a pulse: it takes a while
-#: to notice that the pin stands still.
+#: The laser guard's ceilings in microseconds, and what the driver adds to a pulse: it holds the
+#: light for some clocks after the pin's last edge.
 PULSE_US, REPETITION_US, WINDOW_US, WINDOW_ON_US, HOLD_US = 1000, 20_000, 40_000, 1000, 0.5
 
 
-def same(frame, wanted):
+def same_frame(frame, wanted):
     """A decoded frame against the model's, every number of it."""
     status = wanted.points["status"]
     counts = [np.count_nonzero(status == code) for code in range(4)]
@@ -34,7 +34,7 @@ def same(frame, wanted):
         wanted.learning) and np.array_equal(frame.points, listed) and frame.verified is True
 
 
-class Whole:
+class InstrumentBench:
     """An instrument with its host.
 
     Parameters
@@ -49,7 +49,7 @@ class Whole:
         What a texture frame shows.
     load : :class:`bool`
         Load and commit the tables.
-    places_in_memory : :class:`bool`
+    remap_in_memory : :class:`bool`
         Put the remap table into the external memory without sending most of it, to save time:
         only the packets with its first and its last word, and those whose number is a power of two.
     registers : :class:`int`
@@ -57,22 +57,22 @@ class Whole:
     """
 
     def __init__(self, config, settings, images, texture=None, load=True, line_blanking=0,
-                 places_in_memory=False, **registers):
+                 remap_in_memory=False, **registers):
         self.config, self.settings, self.images = config, settings, images
         blank = np.full((config.height, config.width), 40, np.uint8)
         self.texture = blank if texture is None else texture
         #: (image or None for a texture, microseconds integrated, microseconds lit) of every frame.
         self.shown = []
-        #: How many of them came during the last COMMIT.
-        self.shown_meanwhile = 0
-        self.instrument = Instrument(config, self._picture, line_blanking=line_blanking)
-        self._places_in_memory = places_in_memory
-        if places_in_memory:
+        #: How many of them were taken during the last COMMIT.
+        self.shown_during_commit = 0
+        self.instrument = Instrument(config, self._image_of, line_blanking=line_blanking)
+        self._remap_in_memory = remap_in_memory
+        if remap_in_memory:
             self.instrument.fill_memory(REMAP_BASE, pack_remap(settings.remap))
         self.line = Line(self.instrument, step_us=100)
         self.commands = Commands(self.line, timeout=120, patience=120)
         self.decoder = Decoder(Rebuilder(settings, config.width, config.height))
-        #: What is seen of an image that was lit for so many microseconds.
+        #: What the imager sees of an image, by the microseconds of light.
         self.light = lambda image, lit_us: image
         self.events = []
         self._decoded = 0
@@ -83,19 +83,20 @@ class Whole:
         for name, value in {**settings.registers(), **registers, "mode": mode}.items():
             self.commands.write(name, signed(name, value))
 
-    def load(self, settings, damage=None, not_banked=True):
+    def load(self, settings, damage=None, unbanked=True):
         """Load and commit tables; ``damage`` may change their words after the CRC was made.
 
-        Those that have one bank cannot be written while frames pass.
+        Tables with one bank cannot be written while frames are taken: ``unbanked`` says whether to
+        load them.
         """
         config, words = self.config, settings.tables()
         sent = damage(words) if damage else words
         self.commands.begin(config.width, config.height, config.beams)
         for table, first, some in self.commands.chunks(sent):
-            if not not_banked and not table.banked:
+            if not unbanked and not table.banked:
                 continue
-            if table == REMAP and self._places_in_memory:
-                # Spoilt before, they are right again only if they come to where they belong.
+            if table == REMAP and self._remap_in_memory:
+                # Spoilt first, they are right again only if they arrive at the right addresses.
                 last = first + len(some) - 1
                 if first and last != len(sent[table.name]) - 1 and (
                         (first - 1).bit_length() == last.bit_length()):
@@ -105,9 +106,9 @@ class Whole:
             self.commands.write_table(table, first, some)
         shown = len(self.shown)
         self.commands.commit(words)
-        self.shown_meanwhile = len(self.shown) - shown
+        self.shown_during_commit = len(self.shown) - shown
 
-    def _picture(self, integrated_us, lit_us):
+    def _image_of(self, integrated_us, lit_us):
         if integrated_us > 3000:
             self.shown.append((None, integrated_us, lit_us))
             return self.texture
@@ -117,14 +118,14 @@ class Whole:
         return image
 
     def run(self, microseconds):
-        """Let time pass; decode what comes."""
+        """Let time pass; decode the octets that arrive."""
         end = self.instrument.clocks + round(microseconds * self.config.clock_hz / 1e6)
         while self.instrument.clocks < end:
             self.line.read()
         self.take()
 
     def take(self):
-        """Decode what came."""
+        """Decode the octets that arrived."""
         self.events += self.decoder.events(self.line.record[self._decoded:])
         self._decoded = len(self.line.record)
 
@@ -144,14 +145,14 @@ class Whole:
         return [event for event in self.events if isinstance(event, TextureFrame)]
 
     def assert_link_is_clean(self):
-        """Nothing on the line but whole packets of good numbers."""
+        """Nothing on the line but whole packets, with counts that add up."""
         decoder = self.decoder
         assert not self.instrument.framing_errors
         assert (decoder.damaged, decoder.garbage, decoder.lost, decoder.unknown) == (0, 0, 0, 0)
         assert decoder.unbalanced == decoder.mismatched == 0
 
     def assert_frames_are_the_model_s(self, since=0):
-        """Every pattern frame that came, from this number on, against the model of what was shown.
+        """Every pattern frame that arrived, from this number on, is the model's of what was shown.
 
         Frames may be missing at the end, on their way.
         """
@@ -165,7 +166,7 @@ class Whole:
                 assert number not in frames and lit_us == 0
                 continue
             frame = frames[number]
-            assert same(frame, model.frame(image)), f"frame {number}"
+            assert same_frame(frame, model.frame(image)), f"frame {number}"
             assert frame.exposure_us == round(integrated_us) and frame.laser == (lit_us > 0)
 
     def assert_light_is_safe(self):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibration.csv_table import read_table
-from calibration.files import read_octets
+from calibration.files import list_names, read_octets, unused_files
 from calibration.image import LARGEST, SUFFIXES, read_image
 from calibration.projector import Projector
 from model.errors import UserError
@@ -22,8 +22,6 @@ MOST_BEAMS = 128
 MOST_MM, MOST_PX = 100_000, 100_000
 #: Octets of a capture.toml; it needs a few hundred.
 _MOST_TOML = 1 << 14
-#: How many unused files a note names.
-_NAMED = 5
 _KEYS = {
     "sensor": ("width", "height", "focal_px"),
     "projector": ("rows", "columns", "pitch_deg", "rotation_deg", "toe_in_deg", "base_mm"),
@@ -128,18 +126,12 @@ def _read_toml(path):
         raise UserError(f"{path} is not valid TOML: {' '.join(str(error).split())}.") from error
 
 
-def _some(names):
-    """The first names of a list, and how many more there are."""
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more
-
-
 def _unknown_keys(path, content):
     """A note on what nobody reads, for it may be misspelt."""
     unknown = [name for name in content if name not in _KEYS]
     unknown += [f"{key} in [{name}]" for name, keys in _KEYS.items()
                 for key in content[name] if key not in keys]
-    return [f"{path} has values that are not used: {_some(unknown)}"] if unknown else []
+    return [f"{path} has values that are not used: {list_names(unknown)}"] if unknown else []
 
 
 def _read_planes(path):
@@ -161,13 +153,6 @@ def _read_planes(path):
     if not planes:
         raise UserError(f"{path} names no plane frames: add a line file,z_mm for each.")
     return tuple(planes)
-
-
-def _unused(folder, used):
-    """A note on the files in a folder that are not used; hidden ones are nobody's business."""
-    names = sorted(entry.name for entry in folder.iterdir()
-                   if not entry.name.startswith(".") and entry.name not in used)
-    return [f"not used in {folder}: {_some(names)}"] if names else []
 
 
 def read_capture(folder) -> Capture:
@@ -207,8 +192,9 @@ def read_capture(folder) -> Capture:
         raise UserError(f"{lens} holds no images ({' '.join(SUFFIXES)}): put photographs of the "
                         "chessboard there.")
     planes = _read_planes(folder / "planes" / "planes.csv")
-    notes = [*_unknown_keys(path, content), *_unused(lens, {path.name for path in photographs}),
-             *_unused(folder / "planes", {"planes.csv", *(path.name for path, _ in planes)})]
+    notes = [*_unknown_keys(path, content),
+             *unused_files(lens, {image.name for image in photographs}),
+             *unused_files(folder / "planes", {"planes.csv", *(image.name for image, _ in planes)})]
     return Capture(
         folder=folder, width=sensor.integer("width", 8, LARGEST),
         height=sensor.integer("height", 8, LARGEST),

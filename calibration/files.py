@@ -8,7 +8,10 @@ from pathlib import Path
 
 from model.errors import UserError
 
-__all__ = ["beside", "read_octets"]
+__all__ = ["beside", "check_output", "list_names", "read_octets", "unused_files"]
+
+#: How many names are listed.
+_NAMED = 5
 
 
 def _octets(path, most):
@@ -62,6 +65,33 @@ def read_octets(path, advice, most, name=None):
     return data
 
 
+def list_names(names):
+    """The first of some names, and how many more there are."""
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more
+
+
+def unused_files(folder, used):
+    """Notes on the files of a folder that are not ``used``, by name; hidden ones do not count."""
+    names = sorted(entry.name for entry in folder.iterdir()
+                   if entry.name not in used and not entry.name.startswith("."))
+    return [f"not used in {folder}: {list_names(names)}"] if names else []
+
+
+def check_output(path):
+    """Refuse a file that :func:`beside` could not write, before any work is done."""
+    try:
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise UserError(f"{path} is not a file: name another one to write.")
+    except FileNotFoundError:
+        folder = Path(os.path.realpath(path)).parent
+        if not folder.is_dir():
+            raise UserError(f"{path} cannot be written: the folder {folder} does not exist."
+                            ) from None
+    except OSError as error:
+        raise UserError(f"{path} cannot be written: {error.strerror}.") from error
+
+
 @contextmanager
 def beside(path):
     """A binary file to write that becomes ``path`` when all went well, and nothing if not.
@@ -70,8 +100,7 @@ def beside(path):
     """
     final = Path(os.path.realpath(path))
     try:
-        if final.exists() and not final.is_file():
-            raise UserError(f"{path} is not a file: name another one to write.")
+        check_output(path)
         handle, part = tempfile.mkstemp(dir=final.parent, prefix=f".{final.name}."[:80])
         try:
             with os.fdopen(handle, "wb") as file:

@@ -1,4 +1,4 @@
-"""What a calibration loads into the chip: registers and tables, as plain integers."""
+"""What the calibration loads into the chip: registers and tables, as plain integers."""
 
 from dataclasses import dataclass, field, fields
 
@@ -113,18 +113,18 @@ def _packed(table, columns):
     """Words of a table, from a sequence of values for each field."""
     words = []
     for values in zip(*columns, strict=True):
-        word = offset = 0
+        word = place = 0
         for part, value in zip(table.fields, values, strict=True):
-            word |= (int(value) & ((1 << part.bits) - 1)) << offset
-            offset += part.bits
+            word |= (int(value) & ((1 << part.bits) - 1)) << place
+            place += part.bits
         words.append(word)
     return words
 
 
 def _unpacked(table, words):
     """The values of each field of a table, from its words."""
-    offset, columns = 0, []
+    place, columns = 0, []
     for part in table.fields:
-        columns.append(tuple(word >> offset & ((1 << part.bits) - 1) for word in words))
-        offset += part.bits
+        columns.append(tuple(word >> place & ((1 << part.bits) - 1) for word in words))
+        place += part.bits
     return columns

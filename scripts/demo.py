@@ -9,13 +9,14 @@ until the programs that made them change.
 import argparse
 import hashlib
 import json
+import shlex
 import shutil
 import sys
 import time
 from pathlib import Path
 
-from model.errors import UserError
 from scripts.cyclope import cli
+from scripts.cyclope.program import program
 from scripts.paths import ROOT
 
 __all__ = ["main", "prepare"]
@@ -40,6 +41,7 @@ OUTPUTS = (
     ("calibration.json", "the calibration that the chip was loaded with"),
     ("calibration.png", "how well lens and beams fit the capture"),
     ("capture/", "the simulated capture; yours has the same form"))
+_COLUMNS = ("number", "kind", "laser", "flags", "level", "spots", "rejected", "dropped")
 #: Pairs of frames to compare with the truth, and scenes that they show in turn.
 _FRAMES, _SCENES = 24, 12
 #: Pairs to receive: the chip may need one to learn its threshold.
@@ -56,16 +58,19 @@ def _stamp():
     return digest.hexdigest()
 
 
-def _show(*words):
-    """Print a ``cyclope`` command as it would be typed."""
-    here = Path.cwd()
-    print("$ cyclope " + " ".join(
-        str(word.relative_to(here) if isinstance(word, Path) and word.is_relative_to(here)
-            else word) for word in words), flush=True)
+def _near(path):
+    """A path as short as it can be typed."""
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+
+
+def _typed(*words):
+    """A ``cyclope`` command as it can be pasted."""
+    return " ".join([program(), *(
+        shlex.quote(str(_near(word) if isinstance(word, Path) else word)) for word in words)])
 
 
 def _command(*words):
-    _show(*words)
+    print("$", _typed(*words), flush=True)
     status = cli.main(words)
     if status:
         sys.exit(status)
@@ -105,12 +110,11 @@ def _run_instrument(folder, calibration):
 
 def _evaluate(folder, calibration_path, emulator):
     """Draw frames and plots, compare the points with the truth; gives the figures."""
-    import csv
-
     import numpy as np
     from rich.console import Console
 
     from calibration import file
+    from calibration.csv_table import read_table
     from scripts.results.accuracy import compare, load_points, load_truth
     from scripts.results.demo_figures import figures
     from scripts.results.overlay import beam_segments, draw_frame, write_picture
@@ -122,11 +126,10 @@ def _evaluate(folder, calibration_path, emulator):
     calibration = file.load(calibration_path)
     (result / "truth.csv").write_text("\n".join(emulator.truth()) + "\n")
     points, truth = load_points(result / "points.csv"), load_truth(result / "truth.csv")
-    with open(result / "frames.csv", newline="") as table:
-        frames = [row for row in csv.DictReader(table)
-                  if row["kind"] == "pattern" and row["laser"] == "on"
-                  and "learning" not in row["flags"].split()][:_FRAMES]
-    numbers = [int(row["number"]) for row in frames]
+    frames = [row for row in read_table(result / "frames.csv", _COLUMNS, "run the demo again")
+              if row.text("kind") == "pattern" and row.text("laser") == "on"
+              and "learning" not in row.text("flags").split()][:_FRAMES]
+    numbers = [int(row.text("number")) for row in frames]
     accuracy = compare(points, truth, numbers)
     (result / "frames").mkdir()
     segments = beam_segments(calibration)
@@ -134,8 +137,8 @@ def _evaluate(folder, calibration_path, emulator):
         if number > numbers[0] + 2 * _SCENES - 2:
             break
         image = emulator.shown[number][0]
-        frame = FrameResult(number, result, None, *(int(row[name]) for name in (
-            "level", "spots", "rejected", "dropped")), points[points["frame"] == number])
+        counts = (int(row.text(name)) for name in _COLUMNS[-4:])
+        frame = FrameResult(number, result, None, *counts, points[points["frame"] == number])
         write_picture(result / "frames" / f"{number:04}.png", draw_frame(image, frame, segments))
     first = np.isin(points["frame"], numbers[:_SCENES])
     plot_cloud(result / "point_cloud.png", points[first], calibration.columns)
@@ -146,24 +149,19 @@ def _evaluate(folder, calibration_path, emulator):
     return summary
 
 
-def main(folder=FOLDER, readme=None):
-    """Run the demonstration in ``folder``; gives the exit status.
-
-    With ``readme``, write its figures into that file.
-    """
+def _demonstrate(folder, readme):
+    """Run all of it; gives the exit status."""
     from scripts.results.demo_figures import sentence, updated
 
     start = time.monotonic()
-    try:
-        _, calibration = prepare(folder)
-        emulator = _run_instrument(folder, calibration)
-        summary = _evaluate(folder, calibration, emulator)
-    except UserError as error:
-        print(f"cyclope: {error}", file=sys.stderr)
-        return 2
-    print(f"\nLook at, in {folder}:")
+    capture, calibration = prepare(folder)
+    emulator = _run_instrument(folder, calibration)
+    summary = _evaluate(folder, calibration, emulator)
+    print(f"\nLook at, in {_near(folder)}:")
     for name, purpose in OUTPUTS:
         print(f"  {name:24} {purpose}")
+    print("\nThis measures the images of the capture:")
+    print("$", _typed("run", capture, "--calibration", calibration, "-o", folder / "run"))
     print(f"\n{sentence(summary)}")
     print(f"done in {time.monotonic() - start:.0f} s")
     if readme is not None:
@@ -171,8 +169,16 @@ def main(folder=FOLDER, readme=None):
     if not summary["found"] >= LEAST_FOUND:
         print(f"cyclope: only {100 * summary['found']:.0f} % of the beams were found, which a "
               "simulated rig should not do.", file=sys.stderr)
-        return 1
+        return 3
     return 0
+
+
+def main(folder=FOLDER, readme=None):
+    """Run the demonstration in ``folder``; gives the exit status.
+
+    With ``readme``, write its figures into that file.
+    """
+    return cli.guarded(lambda: _demonstrate(folder, readme))
 
 
 if __name__ == "__main__":

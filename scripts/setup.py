@@ -1,9 +1,10 @@
 """Makes the environment: .venv with the pinned packages and the `cyclope` command.
 
-With ``--test`` also what only the regression needs: GHDL and ccache from the system's packages,
-where this is root or sudo asks no password, and yosys made ready for its first call. A second run
-finds everything in place and returns at once. Only the standard library is used, and a Python too
-old for the project still understands this file.
+With ``--test`` also what only the regression needs: GHDL and ccache from the system's packages, if
+this is root or sudo asks for no password, and yosys made ready for its first call. A second run
+finds everything in place and returns at once, and one after an interrupt completes what is
+missing. Only the standard library is used, and a Python too old for the project can still run this
+file.
 """
 
 import argparse
@@ -62,7 +63,7 @@ def missing():
     """One sentence for each thing that this machine lacks."""
     if sys.version_info < OLDEST:
         yield (f"Python {OLDEST[0]}.{OLDEST[1]} or newer is needed and this is "
-               f"{sys.version.split()[0]}: install it, then say `make PYTHON=python3.11 ...`.")
+               f"{sys.version.split()[0]}: install it, then run `make PYTHON=python3.11 ...`.")
         return
     if not has_shared_library():
         yield (f"This Python ({sys.executable}) has no shared libpython, which the simulations "
@@ -104,19 +105,22 @@ def run(command, step, **kwargs):
     start = time.time()
     say(step)
     process = subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, **kwargs)
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        errors="replace", **kwargs)
     log = []
     terminal = sys.stdout.isatty()
-    for line in process.stdout:
-        log.append(line)
+    try:
+        for line in process.stdout:
+            log.append(line)
+            if terminal:
+                columns = shutil.get_terminal_size().columns
+                print("\r\033[K  " + line.strip()[:columns - 4], end="", flush=True)
+    finally:
         if terminal:
-            columns = shutil.get_terminal_size().columns
-            print("\r\033[K  " + line.strip()[:columns - 4], end="", flush=True)
-    if terminal:
-        print("\r\033[K", end="")
+            print("\r\033[K", end="", flush=True)
     if process.wait():
         sys.stderr.write("".join(log[-30:]))
-        raise SystemExit(f"`{' '.join(command)}` failed; what it said stands above.")
+        raise SystemExit(f"`{' '.join(command)}` failed; what it printed is above.")
     say(f"  done in {time.time() - start:.0f} s")
 
 
@@ -218,6 +222,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--test", action="store_true", help="also get what the regression needs")
     options = parser.parse_args()
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(errors="backslashreplace")
     switch_python()
     lacking = list(missing())
     if lacking:
@@ -228,4 +234,8 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:
+        print("Interrupted: run it again, it completes what is missing.", file=sys.stderr)
+        sys.exit(130)

@@ -16,12 +16,12 @@ POINTS, POINTS_LAST, RECORDS, RECORDS_LAST, UNMATCHED = range(0x50, 0x55)
 _OK, _NOISE, _AMBIGUOUS, _REJECTED = range(4)
 _CONTENT = 97 - 1 - 4  # of a packet, without its sequence number and its check
 _HEAD = 2  # kind, number
-_UNMATCHED_LIMIT = 10
+_UNMATCHED_MOST = 10
 
 
 @dataclass(frozen=True)
 class PatternFrame:
-    """What the chip reports of a pattern frame.
+    """What the chip tells of a pattern frame.
 
     Parameters
     ----------
@@ -31,11 +31,11 @@ class PatternFrame:
         16, 8, 8, 16 and 24 bits: frame number, threshold, frames that were skipped before this
         one, integration time and its start in microseconds.
     learning, broken, laser, capture, tripped, tables_valid : :class:`bool`
-        There was no threshold yet; the frame lost synchronism; the laser was on; taken in
-        calibration capture; the laser guard has tripped; the tables are valid.
+        The threshold was not learnt yet; the frame lost synchronism; the laser was lit; taken in
+        calibration capture; the laser guard holds a cause; the tables are valid.
     spots, rejected, dropped : :class:`int`
-        16 bits each: all components; those that were rejected, or lost because a queue was full,
-        before they became points.
+        16 bits each: all components; those that were rejected or found no room before they
+        became points.
     """
 
     points: np.ndarray = field(default_factory=lambda: np.zeros(0, POINT))
@@ -79,7 +79,7 @@ def compact(point, v_before):
 
 def records(points):
     """Points as records, an array (points, 9) of octets."""
-    words = [sum(int(point[name]) << position for name, position in (
+    words = [sum(int(point[name]) << place for name, place in (
         ("status", 0), ("beam", 2), ("area", 9), ("u", 17), ("v", 35), ("inverse_z", 53)))
         for point in points]
     return np.array([list(word.to_bytes(9, "little")) for word in words],
@@ -89,7 +89,7 @@ def records(points):
 def flags(wide=False, learning=False, broken=False, laser=False, capture=False, tripped=False,
           tables_valid=False, texture=False):
     """The octet ``flags``."""
-    return sum(int(flag) << position for position, flag in enumerate(
+    return sum(int(flag) << place for place, flag in enumerate(
         (wide, learning, broken, laser, capture, tripped, tables_valid, texture)))
 
 
@@ -145,7 +145,7 @@ def packets(frame, full_records=False):
     head = bytes([frame.number & 0xFF])
     ok = frame.points["status"] == _OK
     listed = frame.points if full_records else frame.points[ok]
-    unmatched = frame.points[:0] if full_records else frame.points[~ok][:_UNMATCHED_LIMIT]
+    unmatched = frame.points[:0] if full_records else frame.points[~ok][:_UNMATCHED_MOST]
     unlisted = frame.rejected + (0 if full_records else np.count_nonzero(~ok) - len(unmatched))
 
     more, last = (RECORDS, RECORDS_LAST) if full_records else (POINTS, POINTS_LAST)

@@ -1,4 +1,4 @@
-"""Packets from the host: octets on the chip's line to contents of packets."""
+"""Packets from the host: what the chip makes of the octets on its line."""
 
 import zlib
 
@@ -20,7 +20,7 @@ def encode(content):
 
 
 def _decode(octets):
-    """Content of the octets between two delimiters, or None if they are damaged."""
+    """Content of what stood between two delimiters, or None if it is damaged."""
     content, at = bytearray(), 0
     while at < len(octets):
         code = octets[at]
@@ -39,7 +39,7 @@ def _decode(octets):
 class PacketReceiver:
     """The receiver octet by octet.
 
-    :meth:`feed` returns the content of a packet that ended with that octet, False if a damaged one
+    :meth:`hear` returns the content of a packet that ended with that octet, False if a damaged one
     did, else None. An octet that comes while the packet before is ``held`` is lost.
     """
 
@@ -47,7 +47,7 @@ class PacketReceiver:
         self._octets = bytearray()
         self._lost = False
 
-    def feed(self, octet, held=False):
+    def hear(self, octet, held=False):
         if octet:
             self._octets.append(octet)
             self._lost = self._lost or held

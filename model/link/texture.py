@@ -17,7 +17,7 @@ _PIXELS = CONTENT_LIMIT - 4 - 2 - 5
 
 @dataclass(frozen=True)
 class TextureFrame:
-    """What the chip reports of a texture frame; fields as in
+    """What the chip tells of a texture frame; fields as in
     :class:`model.link.points.PatternFrame`."""
 
     number: int = 0
@@ -41,7 +41,7 @@ class TextureFrame:
 
 
 class Texture:
-    """Sends an image in raster order, from the newest frame that arrived whole.
+    """Sends an image in raster order, from whichever frame has last come whole.
 
     Frames come one at a time between packets: :meth:`frame` and :meth:`packet` are called in the
     order in which a frame ends and the first octet of a packet is taken.
@@ -54,7 +54,7 @@ class Texture:
 
     def __init__(self, width, height):
         self.width, self.height = width, height
-        self.next_pixel = 0  # the next pixel to be sent, in raster order
+        self.stands = 0  # the next pixel to be sent, in raster order
         self._pixels, self._number, self._end = None, 0, 0
         self._due = None
         self._offered = None
@@ -71,20 +71,20 @@ class Texture:
         image : array (height, width) of uint8
             Its pixels; not used if it is broken.
         info : :class:`TextureFrame`
-            What is reported of it.
+            What is told of it.
         """
         self._due = info
         if not info.broken:
             self._pixels, self._number = np.asarray(image).ravel(), info.number & 0xFF
-            self._end = min(self.next_pixel + _CAPTURED, self.width * self.height)
+            self._end = min(self.stands + _CAPTURED, self.width * self.height)
         self._offer()
 
     def _offer(self):
-        """A packet that is offered stays offered; its contents are not fixed yet."""
+        """A packet that is offered stays, whatever comes; its contents are still open."""
         if self._offered is None:
             if self._due is not None:
                 self._offered = TEXTURE_FRAME
-            elif self.next_pixel != self._end:
+            elif self.stands != self._end:
                 self._offered = TEXTURE
 
     def packet(self, bad_sync=0, overrun=0):
@@ -94,13 +94,13 @@ class Texture:
         if offered == TEXTURE_FRAME:
             content, self._due = self._due.content(bad_sync, overrun), None
         elif offered == TEXTURE:
-            row, column = divmod(self.next_pixel, self.width)
-            count = min(_PIXELS, self.width - column, self._end - self.next_pixel)
+            row, column = divmod(self.stands, self.width)
+            count = min(_PIXELS, self.width - column, self._end - self.stands)
             content = (bytes([TEXTURE, self._number]) + row.to_bytes(2, "little")
                        + column.to_bytes(2, "little")
-                       + self._pixels[self.next_pixel:self.next_pixel + count].tobytes())
-            self.next_pixel += count
-            if self.next_pixel == self.width * self.height:
-                self.next_pixel = self._end = 0
+                       + self._pixels[self.stands:self.stands + count].tobytes())
+            self.stands += count
+            if self.stands == self.width * self.height:
+                self.stands = self._end = 0
         self._offer()
         return content

@@ -89,15 +89,13 @@ def main(arguments):
     from rich.console import Console
 
     from calibration.capture import MOST_MM, read_capture
+    from calibration.files import check_output
 
     output = arguments.output
     if output.is_dir():
         raise UserError(f"{output} is a folder: name a file, for instance "
                         f"{output / 'calibration.json'}.")
-    if output.exists() and not output.is_file():
-        raise UserError(f"{output} is not a file: name another one to write.")
-    if not output.absolute().parent.is_dir():
-        raise UserError(f"{output} cannot be written: the folder {output.parent} does not exist.")
+    check_output(output)
     if arguments.picture and output.suffix.lower() == ".png":
         raise UserError(f"{output} would be the calibration and its picture in one: name it "
                         f"{output.with_suffix('.json')}.")
@@ -140,5 +138,5 @@ def main(arguments):
     for note in capture.notes:
         console.print(f"! {note}", style="yellow", markup=False, highlight=False)
     written = f"{output}" + (f" and {picture}" if arguments.picture else "")
-    console.print(f"calibration in {written}", highlight=False)
+    console.print(f"calibration in {written}", highlight=False, markup=False)
     return 0

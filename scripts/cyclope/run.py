@@ -5,12 +5,12 @@ from pathlib import Path
 
 from model.errors import UserError
 from scripts.cyclope.extras import require
-from scripts.results.frames import check_images, find_frames
-from scripts.results.measure import measure
 
 __all__ = ["add_arguments", "main", "run"]
 
 _TABLE_LINES = 24
+#: Exit status of a run whose result is not to be used.
+_UNUSABLE = 3
 
 
 def add_arguments(parser):
@@ -19,10 +19,12 @@ def add_arguments(parser):
         "Measure frames: write points.csv, points.ply, a picture per frame, a point cloud, a "
         "summary and, where the capture has a truth.csv, the depth errors.")
     parser.epilog = (
-        "The column `frame` is the number in the file's name where all names are numbers (0007.png "
-        "or 0007_ir.png), else the position in the sorted list, from 0. The chip learns its "
-        "threshold on the frame before: the first frame is therefore shown twice, and with "
-        "--independent every frame is; with a fixed threshold none is.")
+        "points.csv grows while frames are measured, and stays if the run is interrupted or fails; "
+        "the other files appear at the end, summary.txt last. The exit status is 3 if no frame has "
+        "an ok point. The column `frame` is the number in the file's name where all names are "
+        "numbers (0007.png or 0007_ir.png), else the position in the sorted list, from 0. The chip "
+        "learns its threshold on the frame before: the first frame is therefore shown twice, and "
+        "with --independent every frame is; with a fixed threshold none is.")
     parser.add_argument(
         "frames", nargs="+", type=Path, metavar="CAPTURE|FOLDER|FILE",
         help="a capture folder, a folder of grey 8-bit images, or such images")
@@ -32,7 +34,7 @@ def add_arguments(parser):
     parser.add_argument(
         "--engine", choices=("rtl", "model"), default="rtl",
         help="the RTL, Verilated (default), or the numpy model; both give identical points, unless "
-             "a frame has more spots than the chip has room for")
+             "a frame has more spots than the chip's buffers hold")
     parser.add_argument(
         "--level", type=int, metavar="N",
         help="fixed threshold, 1 to 255, instead of the calibration's choice; 0 learns it from "
@@ -62,23 +64,32 @@ def run(targets, calibration_path, output, engine="rtl", *, independent=False, p
 
     Returns
     -------
-    list of :class:`scripts.results.points.FrameResult`,
-    :class:`scripts.results.accuracy.Accuracy` or None
-        The latter where there is truth.
+    :class:`scripts.results.measurement.Measurement`
+
+    Raises
+    ------
+    UserError
+        If something cannot be read or written. Points that were measured before are kept, and a
+        note on the error names their file.
     """
     from rich.console import Console
 
-    from scripts.results.outputs import check_folder, new_folder
+    from scripts.results.frames import check_images, find_frames
+    from scripts.results.outputs import check_folder
 
     check_folder(output)
-    entries, truth_path = find_frames(targets)
-
-    import numpy as np
+    found = find_frames(targets)
 
     from calibration import file
-    from scripts.results.accuracy import compare, load_truth
-    from scripts.results.outputs import write_csv, write_ply
-    from scripts.results.points import POINT
+    from scripts.results.accuracy import load_truth
+    from scripts.results.measure import measure
+    from scripts.results.measurement import (
+        Measurement,
+        keep_results,
+        print_report,
+        write_frames,
+        write_rest,
+    )
     from scripts.results.summary import plural
     from scripts.simulation.engine import open_engine
 
@@ -88,56 +99,27 @@ def run(targets, calibration_path, output, engine="rtl", *, independent=False, p
             raise UserError(f"--level must be 0 to 255, not {level}.")
         calibration = replace(
             calibration, settings=replace(calibration.settings, level_fixed=level or None))
-    truth = None if truth_path is None else load_truth(truth_path)
+    truth = None if found.truth is None else load_truth(found.truth)
+    entries = found.entries
     check_images(entries, calibration.width, calibration.height)
     console = console or Console()
-    progress = _bar(Console(stderr=True))
-    with new_folder(output) as folder, progress:
+    result = Measurement(notes=found.notes)
+    with _bar(Console(stderr=True)) as progress:
         opening = progress.add_task(f"opening engine {engine}", total=None)
         opened = open_engine(engine, calibration, report_rejected=True)
         progress.remove_task(opening)
-        measured = progress.track(
-            measure(entries, calibration, opened, independent), total=len(entries),
-            description="measuring")
-        frames = []
-        if pictures:
-            from scripts.results.overlay import beam_segments, draw_frame, write_picture
-            (folder / "frames").mkdir()
-            segments = beam_segments(calibration)
-        for image, frame in measured:
-            frames.append(frame)
-            if pictures:
-                write_picture(folder / "frames" / f"{frame.index:04}.png",
-                              draw_frame(image, frame, segments))
-        points = np.concatenate([frame.points for frame in frames] or [np.zeros(0, POINT)])
-        accuracy = None if truth is None else compare(
-            points, truth, [frame.index for frame in frames])
-        write_csv(folder / "points.csv", points)
-        write_ply(folder / "points.ply", points, ", ".join(map(str, targets[:3])))
-        if pictures:
-            plotting = progress.add_task("plotting", total=None)
-            from scripts.results.report_plots import plot_cloud, plot_error
-            plot_cloud(folder / "point_cloud.png", points, calibration.columns)
-            if accuracy is not None and len(accuracy.points):
-                plot_error(folder / "depth_error.png", accuracy, calibration.width,
-                           calibration.height)
-            progress.remove_task(plotting)
-        with open(folder / "summary.txt", "w") as text:
-            _report(Console(file=text, width=130, color_system=None), frames, accuracy)
-    _report(console, frames, accuracy, _TABLE_LINES)
-    console.print(f"{plural(len(points), 'spot')} of {plural(len(frames), 'frame')} in {output}",
-                  highlight=False)
-    return frames, accuracy
-
-
-def _report(console, frames, accuracy, limit=None):
-    from scripts.results.summary import accuracy_table, frames_table, notes_text
-    console.print(frames_table(frames, limit))
-    notes = notes_text(frames, limit)
-    if notes:
-        console.print(notes)
-    if accuracy is not None:
-        console.print(accuracy_table({"all frames": accuracy}))
+        with keep_results(output, result, len(entries)) as folder:
+            measured = progress.track(
+                measure(entries, calibration, opened, independent), total=len(entries),
+                description="measuring")
+            write_frames(folder, measured, result, calibration, pictures)
+            progress.add_task("plotting" if pictures else "writing", total=None)
+            write_rest(folder, result, calibration, ", ".join(map(str, targets[:3])), truth,
+                       pictures)
+    print_report(console, result, _TABLE_LINES)
+    console.print(f"{plural(len(result.points), 'spot')} of {plural(len(entries), 'frame')} in "
+                  f"{output}", highlight=False, markup=False)
+    return result
 
 
 def main(arguments):
@@ -146,6 +128,7 @@ def main(arguments):
         require("rtl", "`cyclope run`", ", or use --engine model")
     elif arguments.pictures:
         require("calibration", "Plotting", ", or use --no-pictures")
-    run(arguments.frames, arguments.calibration, arguments.output, arguments.engine,
+    result = run(
+        arguments.frames, arguments.calibration, arguments.output, arguments.engine,
         independent=arguments.independent, pictures=arguments.pictures, level=arguments.level)
-    return 0
+    return 0 if result.ok else _UNUSABLE

@@ -2,15 +2,34 @@
 
 from collections import deque
 
-from calibration.capture import read_image
+import numpy as np
+
+from calibration.image import read_image
 from scripts.results.points import STATUS, FrameResult, locate
 from scripts.results.summary import plural
 
-__all__ = ["frame_notes", "measure"]
+__all__ = ["CLIPPED", "frame_notes", "measure"]
+
+#: A frame with a larger share of white pixels is reported as overexposed.
+CLIPPED = 0.001
 
 
 def frame_notes(image, frame, points):
-    """All that is not as it should be with a frame, in words."""
+    """All that makes a frame worse than it could be, in words.
+
+    Parameters
+    ----------
+    image : 2-D ``uint8`` array
+        The pattern image.
+    frame : :class:`scripts.host.messages.Frame`
+        What the engine reported.
+    points : array of :data:`scripts.results.points.POINT`
+        Its spots.
+
+    Returns
+    -------
+    tuple of :class:`str`
+    """
     notes = []
     if frame.broken:
         notes.append("broken: synchronism lost")
@@ -19,7 +38,7 @@ def frame_notes(image, frame, points):
     if frame.skipped:
         notes.append(f"{plural(frame.skipped, 'frame')} lost before it")
     if frame.dropped:
-        notes.append(f"{plural(frame.dropped, 'spot')} dropped, no room")
+        notes.append(f"{plural(frame.dropped, 'spot')} dropped: buffer full")
     if frame.lost or not frame.summarised:
         notes.append(f"{plural(frame.lost, 'packet')} lost on the link")
     elif not frame.balanced:
@@ -36,19 +55,24 @@ def frame_notes(image, frame, points):
     twice = sorted({beam for beam in beams if beams.count(beam) > 1})
     if twice:
         notes.append(f"more than one spot for beam {' '.join(map(str, twice))}")
+    clipped = np.mean(image == 255)
     if not image.any():
         notes.append("all black")
-    elif image.min() == 255:
+    elif clipped == 1:
         notes.append("all white")
+    elif clipped > CLIPPED:
+        notes.append(f"overexposed: {100 * clipped:.1f} % of its pixels are 255")
     if not frame.spots:
         notes.append("no spot")
+    elif not (points["status"] == STATUS.index("ok")).any():
+        notes.append("no ok point")
     return tuple(notes)
 
 
 def measure(entries, calibration, engine, independent=False):
-    """Show frames to an engine, and give back what it made of each.
+    """Yield every frame's image and result, as the engine measures it.
 
-    The engine shows some frames twice, to learn the threshold; each is given back once.
+    The engine takes some frames twice, to learn the threshold; each is yielded once.
 
     Parameters
     ----------

@@ -1,9 +1,10 @@
-"""Tables and point clouds on disk, and the folder that they appear in all at once."""
+"""Tables and point clouds on disk, and the folder in which they appear all at once."""
 
 import os
 import shutil
 import tempfile
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from model.errors import UserError
 from scripts.results.points import STATUS
 
 __all__ = ["CSV_HEADER", "check_folder", "csv_line", "new_folder", "ply_header", "ply_line",
-           "write_csv", "write_ply"]
+           "take_folder", "whole_file", "write_csv", "write_ply"]
 
 CSV_HEADER = "frame,beam,u_px,v_px,area_px,x_mm,y_mm,z_mm,status"
 
@@ -23,9 +24,12 @@ def check_folder(path):
     if path.is_dir():
         if any(path.iterdir()):
             raise UserError(f"{path} already holds files: name a new or an empty folder.")
-        if os.path.ismount(path):
-            raise UserError(f"{path} is a mount point: name a new folder inside it.")
-    elif path.exists() or path.is_symlink():
+        if not os.access(path, os.W_OK | os.X_OK):
+            raise UserError(f"{path} is not writable.")
+        return
+    if path.is_symlink():
+        raise UserError(f"{path} is a link to nowhere: name a new or an empty folder.")
+    if path.exists():
         raise UserError(f"{path} is not a folder: name a new or an empty one.")
     parent = path.absolute().parent
     while not parent.exists():
@@ -36,32 +40,106 @@ def check_folder(path):
         raise UserError(f"{path} cannot be created: {parent} is not writable.")
 
 
-@contextmanager
-def new_folder(path):
-    """A folder to write into that becomes ``path`` when all went well.
-
-    Until then it stands beside ``path`` under a hidden name; after an error, or an interrupt,
-    nothing is left of it.
-    """
-    check_folder(path)
-    final = Path(path).absolute()
+def _part_of(path, final):
+    """A new hidden folder beside ``final``, or inside it where only that can be written."""
+    home = final.parent
+    if final.is_dir() and (os.path.ismount(final) or not os.access(home, os.W_OK | os.X_OK)):
+        home = final
     try:
-        final.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(prefix=f".{final.name}.", suffix=".part", dir=final.parent))
+        home.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(prefix=f".{final.name}.", suffix=".part", dir=home))
         mask = os.umask(0)
         os.umask(mask)
         part.chmod(0o777 & ~mask)
     except OSError as error:
         raise UserError(f"{path} cannot be written: {error.strerror or error}.") from error
+    return part
+
+
+def _publish(part, final):
+    """Give ``part`` the name ``final``, or move what it holds there; whether that was possible."""
+    try:
+        if part.parent == final:
+            if any(each != part for each in final.iterdir()):
+                return False
+            for each in part.iterdir():
+                each.rename(final / each.name)
+        else:
+            os.replace(part, final)
+    except OSError:
+        return False
+    return True
+
+
+def take_folder(path):
+    """Create ``path``, or take it if it is an empty folder.
+
+    For results that have to be under their name from the start.
+
+    Returns
+    -------
+    (:class:`~pathlib.Path`, :class:`bool`)
+        The folder, and whether it was created.
+    """
+    check_folder(path)
+    path = Path(path)
+    created = not path.exists()
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{path} cannot be created: {error.strerror or error}.") from error
+    return path, created
+
+
+@contextmanager
+def new_folder(path):
+    """A folder to write into that becomes ``path`` when all went well.
+
+    Until then it has a hidden name beside ``path``; after an error, or an interrupt, nothing is
+    left of it. If something else fills ``path`` meanwhile, the results get the first free name
+    like ``path-2`` beside it, and a :class:`UserError` says so.
+    """
+    check_folder(path)
+    final = Path(os.path.realpath(path))
+    part = _part_of(path, final)
     try:
         yield part
-        try:
-            os.replace(part, final)
-        except OSError as error:
-            raise UserError(
-                f"{path} was filled by something else meanwhile: name a new folder.") from error
+        if not _publish(part, final):
+            home = part.parent
+            spare = next(spare for number in count(2)
+                         if not (spare := home / f"{final.name}-{number}").exists())
+            part.rename(spare)
+            raise UserError(f"{path} was filled by something else meanwhile: the results are in "
+                            f"{spare}.")
+    except KeyboardInterrupt as interrupt:
+        interrupt.add_note("Nothing was written.")
+        raise
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+@contextmanager
+def whole_file(path):
+    """A new file, open for octets, that appears as ``path`` when all of it is written.
+
+    Raises
+    ------
+    UserError
+        If there is something of that name, or it cannot be written.
+    """
+    path = Path(path)
+    part = path.with_name(f"{path.name}.part")
+    try:
+        try:
+            with open(part, "wb") as file:
+                yield file
+            if path.exists():
+                raise UserError(f"{path} is there already, from something else: move it away.")
+            os.replace(part, path)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise UserError(f"{path} cannot be written: {error.strerror or error}.") from error
 
 
 def _number(value, digits):
@@ -71,9 +149,9 @@ def _number(value, digits):
 def csv_line(point, names=STATUS):
     """The row of a spot; fields without a value are empty."""
     beam = "" if point["beam"] < 0 else str(point["beam"])
-    place = ",".join(_number(point[name], 4) for name in "xyz")
+    coordinates = ",".join(_number(point[name], 4) for name in "xyz")
     return (f"{point['frame']},{beam},{point['u']:.4f},{point['v']:.4f},{point['area']},"
-            f"{place},{names[point['status']]}\n")
+            f"{coordinates},{names[point['status']]}\n")
 
 
 def write_csv(path, points):
@@ -84,15 +162,17 @@ def write_csv(path, points):
             file.write(csv_line(point))
 
 
-def ply_header(count, source):
+def ply_header(points, source, intensity=True):
     """Everything before the first point.
 
     Parameters
     ----------
-    count : :class:`int`
-        Points that follow.
+    points : :class:`int`
+        How many follow.
     source : :class:`str`
         What was measured, for a comment.
+    intensity : :class:`bool`
+        Points have an intensity.
     """
     printable = source.encode("ascii", "replace").decode().replace("\n", " ")
     return "\n".join([
@@ -101,21 +181,22 @@ def ply_header(count, source):
         "comment unit mm; x right, y down, z along the optical axis, camera at the origin",
         "comment beam = row * columns + column of the laser mesh; status "
         + " ".join(f"{code} {name}" for code, name in enumerate(STATUS)),
-        "comment intensity is the grey value of the image at the spot",
-        f"element vertex {count}",
+        *(["comment intensity is the grey value of the image at the spot"] if intensity else []),
+        f"element vertex {points}",
         "property float x", "property float y", "property float z",
         "property ushort beam", "property int frame", "property uchar status",
-        "property uchar intensity", "end_header", ""])
+        *(["property uchar intensity"] if intensity else []), "end_header", ""])
 
 
-def ply_line(point):
-    """A point that has a place."""
+def ply_line(point, intensity=True):
+    """A point that has coordinates, with or without its intensity."""
+    grey = f" {point['intensity']}" if intensity else ""
     return (f"{point['x']:.4f} {point['y']:.4f} {point['z']:.4f} {point['beam']} "
-            f"{point['frame']} {point['status']} {point['intensity']}\n")
+            f"{point['frame']} {point['status']}{grey}\n")
 
 
 def write_ply(path, points, source):
-    """``points.ply``: the points that have a place, as text.
+    """``points.ply``: the points that have coordinates, as text.
 
     Parameters
     ----------
@@ -126,10 +207,10 @@ def write_ply(path, points, source):
     source : :class:`str`
         What was measured, for a comment.
     """
-    placed = points[~np.isnan(points["z"])]
-    frames = np.unique(placed["frame"])
+    located = points[~np.isnan(points["z"])]
+    frames = np.unique(located["frame"])
     span = f"{len(frames)} frames, {frames[0]} to {frames[-1]}" if len(frames) else "no frame"
     with open(path, "w", newline="\n") as file:
-        file.write(ply_header(len(placed), f"{source} ({span})"))
-        for point in placed:
+        file.write(ply_header(len(located), f"{source} ({span})"))
+        for point in located:
             file.write(ply_line(point))

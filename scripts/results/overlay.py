@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from scripts.results.outputs import whole_file
 from scripts.results.points import STATUS
 from scripts.results.summary import COLOURS
 
@@ -143,7 +144,8 @@ def draw_frame(image, frame, segments):
 
 
 def write_picture(path, picture):
-    """Write a picture as PNG."""
+    """Write a picture as PNG, whole or not at all."""
     done, data = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 3])
     assert done
-    path.write_bytes(data.tobytes())
+    with whole_file(path) as file:
+        file.write(data.tobytes())

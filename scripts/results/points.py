@@ -29,7 +29,7 @@ _LSB_PX = 1 / 512
 
 @dataclass(frozen=True)
 class FrameResult:
-    """What became of one frame.
+    """The result of one frame.
 
     Parameters
     ----------
@@ -38,16 +38,16 @@ class FrameResult:
     path : :class:`~pathlib.Path`
         Its pattern image.
     texture : :class:`~pathlib.Path` or None
-        Its picture without the laser.
+        Its image without the laser.
     level : :class:`int`
         Threshold used.
     spots, rejected, dropped : :class:`int`
-        Connected components in the frame, those that were gated out, those that found no room;
-        ``rejected`` counts spots that were refused later on, too.
+        Connected components in the frame, those that were rejected in any block, and those that
+        were dropped because a buffer was full.
     points : array of :data:`POINT`
         The spots that were reported.
     notes : :class:`tuple` of :class:`str`
-        Everything about the frame that is not as it should be.
+        What makes the frame worse than it could be.
     """
 
     index: int

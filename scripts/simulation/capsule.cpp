@@ -21,10 +21,10 @@ struct Harness {
 
 #ifdef PAPER
     StaticRAM ram;
-    uint32_t display = 0;  // clocks of the display for 1024 of the system
+    uint32_t screen = 0;  // clocks of the screen for 1024 of the system
     bool taken = false;  // the memory took a command
     bool watched = false;
-    std::vector<uint32_t> seen;  // the display's pins: red, green, blue, then sync and visible
+    std::vector<uint32_t> seen;  // the screen's pins: red, green, blue, then sync and visible
 
     void clock(bool spot_side = false) {
         top.clk = top.spot_clk = 0;
@@ -35,7 +35,7 @@ struct Harness {
         top.spot_clk = top.busy | spot_side;
         top.eval();
         ram.look(top);
-        for (uint64_t n = (clocks + 1) * display / 1024 - clocks * display / 1024; n; --n) {
+        for (uint64_t n = (clocks + 1) * screen / 1024 - clocks * screen / 1024; n; --n) {
             top.display_clk = 1;
             top.eval();
             if (watched) {
@@ -102,7 +102,7 @@ void capsule_write_table(Harness* harness, int select, uint32_t address, const u
     harness->clock(true);
 }
 
-// Swaps the banks: measures with the tables that were written, and writes to the others.
+// Measures with the tables that were written, and lets the others be written from now on.
 void capsule_swap(Harness* harness) { harness->top.bank ^= 1; }
 
 #ifdef PAPER
@@ -118,13 +118,13 @@ void capsule_write_memory(Harness* harness, uint32_t address, const uint32_t* wo
     top.memory_valid = 0;
 }
 
-// Runs the display, this many clocks for 1024 of the system; keeps its pins if watched.
-void capsule_display(Harness* harness, uint32_t clocks, int watched) {
-    harness->display = clocks;
+// Lets the screen run, so many clocks for 1024 of the system; keeps what it shows if watched.
+void capsule_screen(Harness* harness, uint32_t clocks, int watched) {
+    harness->screen = clocks;
     harness->watched = watched;
 }
 
-// Takes what the display has shown; returns the number of clocks.
+// Takes what the screen has shown; returns how many clocks that was.
 size_t capsule_seen(Harness* harness, uint32_t* out, size_t room) {
     size_t count = harness->seen.size() < room ? harness->seen.size() : room;
     for (size_t i = 0; i < count; ++i) out[i] = harness->seen[i];
@@ -159,7 +159,7 @@ void capsule_idle(Harness* harness, uint64_t clocks) {
     while (clocks--) harness->clock();
 }
 
-// Takes the octets that have arrived; returns their number.
+// Takes the octets that have come; returns how many there were.
 size_t capsule_octets(Harness* harness, uint8_t* out, size_t room) {
     size_t count = harness->octets.size() < room ? harness->octets.size() : room;
     for (size_t i = 0; i < count; ++i) out[i] = harness->octets[i];

@@ -25,8 +25,8 @@ from scripts.simulation.verilator import verilator_environment
 __all__ = ["ModelEngine", "RTLEngine", "open_engine", "preset_of",
            "require_compiler"]
 
-#: Clocks after which a shown frame must have left the serial pin.
-_TIMEOUT = 4_000_000
+#: Clocks after which a frame that was shown must have come out of the serial pin.
+_PATIENCE = 4_000_000
 
 
 def preset_of(settings):
@@ -41,15 +41,15 @@ class _Engine:
         self.settings = settings
         self.decoder = Decoder(Rebuilder(settings, width, height))
         self._discard = []
-        #: A frame's threshold is learnt on the frame before it.
+        #: A frame's level is that of the frame before it.
         self.learns_before = settings.level_fixed is None and preset_of(settings) == "capsule"
 
     def frames(self, images, independent=False):
         """Decoded frame of every image.
 
         The preset ``capsule`` learns its threshold on the frame before. So the first image is shown
-        twice, and the first result is discarded; with ``independent`` so is every image. Nothing is
-        repeated if the threshold is fixed, or learnt on the frame itself.
+        twice and the answer to its first showing is left out; with ``independent`` so is every
+        image. Nothing is repeated where the threshold is fixed, or learnt on the frame itself.
         """
         for index, image in enumerate(images):
             if self.learns_before and (independent or index == 0):
@@ -146,8 +146,8 @@ class RTLEngine(_Engine):
     line_blanking, frame_blanking : :class:`int`
         Pixel clocks without a pixel, after a line and after a frame.
     full_records : :class:`bool`
-        Let the chip send beam and depth of every point; else the reader computes them, and
-        compares the frame's check with its own.
+        Let the chip send all it knows of every point; else the reader computes beams and depths,
+        and holds the frame's check against them.
     """
 
     def __init__(self, settings, config, line_blanking=0, frame_blanking=16, full_records=True):
@@ -206,9 +206,9 @@ class RTLEngine(_Engine):
         self._library.capsule_frame(
             self._handle, image.ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(image.shape[0]),
             ctypes.c_size_t(image.shape[1]), ctypes.c_size_t(line), ctypes.c_size_t(frame))
-        return self._received()
+        return self._taken()
 
-    def _received(self):
+    def _taken(self):
         count = self._library.capsule_octets(
             self._handle, self._room, ctypes.c_size_t(len(self._room)))
         return ctypes.string_at(self._room, count)
@@ -216,11 +216,11 @@ class RTLEngine(_Engine):
     def _finish(self):
         waited = 0
         while self._discard:
-            if waited > _TIMEOUT:
+            if waited > _PATIENCE:
                 raise RuntimeError(f"{len(self._discard)} frames never left the serial pin")
             self._library.capsule_idle(self._handle, ctypes.c_uint64(4096))
             waited += 4096
-            yield from self._kept(self._received())
+            yield from self._kept(self._taken())
 
 
 def open_engine(kind, calibration, report_rejected=True):

@@ -1,7 +1,7 @@
 // The Verilated instrument as a plain C library: an imager at its sensor pins, a serial line at its
-// UART pins. No VPI. The imager integrates as the pins say, and asks for the image by callback. With
-// PAPER defined it is of the preset paper, with its memory and its display running. With
-// CONVERTER_LATENCY the imager's pixels are addressed, and a converter takes that many clocks.
+// UART pins. No VPI. The imager integrates as the pins tell it, and asks for the picture by callback.
+// With PAPER defined it is of the preset paper, its memory beside it and its screen on. With
+// CONVERTER_LATENCY the imager's pixels are addressed, and a converter takes so many clocks.
 #include "Vinstrument.h"
 #include "verilated.h"
 
@@ -14,28 +14,28 @@
 namespace {
 
 // Fills in a frame of grey values: clocks of integration since the reset, of them lit.
-using ImageOf = void (*)(uint64_t integrated, uint64_t lit, uint8_t* grey);
+using Picture = void (*)(uint64_t integrated, uint64_t lit, uint8_t* grey);
 
-// An AC-coupled driver: on while its pin toggles, off this many clocks after the last edge.
+// An AC-coupled driver: lit while its pin moves, dark this many clocks after it stands still.
 constexpr int HOLD = 4;
 
 struct Sensor {
     size_t width, height, line_blanking;
-    ImageOf image_of;
+    Picture picture;
     std::vector<uint8_t> grey;
     uint64_t integrated = 0, lit = 0;
     bool read_before = false, reading = false, silent = false;
     size_t row = 0, column = 0;
     size_t stop_row = SIZE_MAX;  // the frame ends early, at this row
     size_t short_row = SIZE_MAX;  // this row of the next frame ...
-    int short_by = 0;  // ... lacks this many pixels, or has more
+    int short_by = 0;  // ... lacks so many pixels, or has more
 
     void expose(bool reset, bool integrate, bool read, bool light) {
         if (reset) integrated = lit = 0;
         else if (integrate) ++integrated, lit += light;
         if (read && !read_before && !silent) {
             grey.resize(width * height);
-            image_of(integrated, lit, grey.data());
+            picture(integrated, lit, grey.data());
             reading = true;
             row = column = 0;
         }
@@ -45,13 +45,13 @@ struct Sensor {
 #ifdef CONVERTER_LATENCY
     uint8_t converted[CONVERTER_LATENCY + 1] = {};
 
-    // A clock of the converter: between results, and without an image, its output is arbitrary.
+    // A clock of the converter: between results, and where there is no picture, there is anything.
     void convert(Vinstrument& top) {
         std::memmove(converted + 1, converted, CONVERTER_LATENCY);
-        size_t index = top.row * width + top.column;
-        converted[0] = top.convert && reading ? grey[index]
+        size_t place = top.row * width + top.column;
+        converted[0] = top.convert && reading ? grey[place]
                                               : static_cast<uint8_t>(7 * converted[0] + 91);
-        if (top.convert && index == width * height - 1) reading = false;
+        if (top.convert && place == width * height - 1) reading = false;
         top.data = converted[CONVERTER_LATENCY];
     }
 #else
@@ -93,7 +93,7 @@ struct Instrument {
     std::deque<uint8_t> queue;
     uint32_t out = 0, out_bits = 0, out_left = 0;
 
-    // Laser driver: (first clock on, first clock off) of every pulse.
+    // Laser driver: (first lit clock, first dark clock) of every pulse.
     bool pin = false;
     int hold = 0;
     bool light = false;
@@ -107,7 +107,7 @@ struct Instrument {
 
 #ifdef PAPER
     StaticRAM ram;
-    uint64_t display = 0;
+    uint64_t screen = 0;
 #endif
 
     void clock() {
@@ -128,14 +128,14 @@ struct Instrument {
         top.spot_clk = top.busy;
         top.eval();
         ram.look(top);
-        for (display += 25175000; display >= clock_hz; display -= clock_hz) {
+        for (screen += 25175000; screen >= clock_hz; screen -= clock_hz) {
             top.display_clk = 1;
             top.eval();
             top.display_clk = 0;
             top.eval();
         }
 #else
-        // Every change of a clock is a rising edge here, see library.py.
+        // Every change of a clock is a rising edge here, see native.py.
         top.clk ^= 1;
 #ifndef CONVERTER_LATENCY
         if (pixel) top.pixel_clk ^= 1;
@@ -154,11 +154,11 @@ struct Instrument {
 #else
         if (pixel) sensor.pixel(top);
 #endif
-        receive_bit();
-        send_bit();
+        listen();
+        speak();
     }
 
-    void receive_bit() {
+    void listen() {
         if (bit < 0) {
             if (!top.tx) bit = 0, left = divisor + divisor / 2 - 1, stamps.push_back(clocks);
         } else if (left) {
@@ -174,7 +174,7 @@ struct Instrument {
         }
     }
 
-    void send_bit() {
+    void speak() {
         if (out_left) {
             --out_left;
             return;
@@ -197,8 +197,8 @@ struct Instrument {
 extern "C" {
 
 Instrument* instrument_new(size_t width, size_t height, size_t line_blanking, uint64_t pixel_hz,
-                           uint64_t clock_hz, uint32_t divisor, ImageOf image_of) {
-    return new Instrument(Sensor{width, height, line_blanking, image_of}, pixel_hz, clock_hz, divisor);
+                           uint64_t clock_hz, uint32_t divisor, Picture picture) {
+    return new Instrument(Sensor{width, height, line_blanking, picture}, pixel_hz, clock_hz, divisor);
 }
 
 void instrument_free(Instrument* instrument) {
@@ -234,7 +234,7 @@ uint64_t instrument_framing_errors(const Instrument* instrument) {
     return instrument->framing_errors;
 }
 
-// Clocks at which the laser went on, off, on, ...
+// Clocks at which the laser became lit, dark, lit, ...
 size_t instrument_pulses(const Instrument* instrument, uint64_t* out, size_t room) {
     auto& pulses = instrument->pulses;
     size_t count = pulses.size() < room ? pulses.size() : room;

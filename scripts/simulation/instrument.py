@@ -9,7 +9,7 @@ from scripts.simulation.library import build, clocked_verilog, harness, rtl_sour
 
 __all__ = ["Instrument", "Line"]
 
-_IMAGE_OF = ctypes.CFUNCTYPE(None, ctypes.c_uint64, ctypes.c_uint64, ctypes.POINTER(ctypes.c_uint8))
+_PICTURE = ctypes.CFUNCTYPE(None, ctypes.c_uint64, ctypes.c_uint64, ctypes.POINTER(ctypes.c_uint8))
 _ROOM = 1 << 16
 
 
@@ -35,22 +35,22 @@ def _library(config):
 
 
 class Instrument:
-    """An instrument with an imager in front; time passes only in :meth:`run`.
+    """An instrument that runs as long as it is told to.
 
     Parameters
     ----------
     config : :class:`hdl.config.Config`
         Constructor choices of the RTL.
-    image_of : callable
-        Takes the microseconds for which the imager integrated since its reset, and how many of them
-        the laser was on. Gives what the imager reads out, array (height, width) of uint8.
+    picture : callable
+        Given the microseconds for which the imager integrated since its reset, and those of them
+        in which the laser was lit: what the imager reads out, array (height, width) of uint8.
     pixel_hz : :class:`int`
         Clock of the imager, at most that of the system; addressed pixels need none.
     line_blanking : :class:`int`
         Pixel clocks without a pixel after a line; likewise.
     """
 
-    def __init__(self, config, image_of, pixel_hz=8_000_000, line_blanking=0):
+    def __init__(self, config, picture, pixel_hz=8_000_000, line_blanking=0):
         self.config = config
         self._failed = None
         self._library = library = ctypes.CDLL(str(_library(config)))
@@ -63,19 +63,19 @@ class Instrument:
 
         def read_out(integrated, lit, grey):
             try:
-                image = np.asarray(image_of(integrated / per_us, lit / per_us))
+                image = np.asarray(picture(integrated / per_us, lit / per_us))
                 if image.shape != shape or image.dtype != np.uint8:
-                    raise ValueError(f"An image must have {shape[1]} x {shape[0]} pixels of 8 "
+                    raise ValueError(f"A picture must have {shape[1]} x {shape[0]} pixels of 8 "
                                      f"bits, not {image.shape[::-1]} of {image.dtype}")
                 np.ctypeslib.as_array(grey, shape)[:] = image
             except BaseException as error:  # must not unwind through C
                 self._failed = error
 
-        self._callback = _IMAGE_OF(read_out)  # as long as the library may call it
+        self._picture = _PICTURE(read_out)  # as long as the library may call it
         self._handle = ctypes.c_void_p(library.instrument_new(
             *map(ctypes.c_size_t, (config.width, config.height, line_blanking)),
             ctypes.c_uint64(pixel_hz), ctypes.c_uint64(config.clock_hz),
-            ctypes.c_uint32(round(config.clock_hz / config.baud)), self._callback))
+            ctypes.c_uint32(round(config.clock_hz / config.baud)), self._picture))
         self._octets = ctypes.create_string_buffer(_ROOM)
         self._stamps = (ctypes.c_uint64 * _ROOM)()
         #: Clock of the start bit of each octet that :meth:`receive` gave last.
@@ -98,14 +98,14 @@ class Instrument:
 
     @property
     def unsent(self):
-        """Octets from the host that have not been sent over the line yet."""
+        """Octets from the host that have not gone over the line yet."""
         return self._library.instrument_unsent(self._handle)
 
     @property
     def pulses(self):
-        """First clock with light and first one without, for every laser pulse; array (pulses, 2).
+        """First lit and first dark clock of every pulse of the laser, array (pulses, 2).
 
-        The end of a pulse that is still on is 0.
+        A pulse that is still lit has 0 for its end.
         """
         count = self._library.instrument_pulses(self._handle, None, ctypes.c_size_t(0))
         edges = (ctypes.c_uint64 * (count + 1))()
@@ -158,14 +158,14 @@ class Instrument:
         self._library.instrument_short_row(self._handle, ctypes.c_size_t(row), by)
 
     def _require_frames(self):
-        """Refuse a fault of imagers that send frames by themselves, if this is not one."""
+        """Refuse a fault that only an imager has which sends frames by itself."""
         if self.config.converter_latency is not None:
             raise ValueError("An imager with addressed pixels sends no frames by itself, so none "
                              "can be missing, end early or have a row of another length")
 
 
 class Line:
-    """The host's end of an instrument's serial line, instead of :class:`scripts.host.port.Port`.
+    """The host's end of an instrument's serial line, in place of :class:`scripts.host.port.Port`.
 
     The instrument runs while the host reads.
 
@@ -174,7 +174,7 @@ class Line:
     instrument : :class:`Instrument`
         The other end.
     step_us : :class:`float`
-        Microseconds that it runs with each read.
+        How long it runs with each read.
     """
 
     def __init__(self, instrument, step_us=500):
@@ -188,7 +188,7 @@ class Line:
         self.instrument.send(octets)
 
     def read(self):
-        """Octets that have arrived."""
+        """Octets that came."""
         self.instrument.run(self.step_us)
         octets = self.instrument.receive()
         self.record += octets

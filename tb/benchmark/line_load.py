@@ -95,7 +95,7 @@ def refresh_seconds(frame=None, width=352, height=288, baud=BAUD, pair_s=PAIR_S)
             next_texture += pair_s
             begun = time if begun is None else begun
         content = queue.pop(0) if queue else texture.packet()
-        if begun is not None and texture.next_pixel == 0 and content and content[0] == 0x58:
+        if begun is not None and texture.stands == 0 and content and content[0] == 0x58:
             return time + wire_octets([content]) * _BITS / baud - begun
         if content is None:
             time = min(next_points, next_texture)

@@ -105,14 +105,14 @@ class Host:
 
     def damaged(self, octets, clocks=None):
         """Send octets that may be damaged; the replies are the model's."""
-        got, wanted = self.send(octets, clocks), self.model.feed(octets)
+        got, wanted = self.send(octets, clocks), self.model.hear(octets)
         assert got == wanted, f"{bytes(octets).hex(' ')}: {got}"
         self._settle()
         self.compare()
         return wanted
 
     def compare(self):
-        """All outputs that keep their value."""
+        """All outputs that stand still."""
         model, get = self.model, self.block.get
         for register in model.registers.values():
             mask = (1 << register.bits) - 1

@@ -49,9 +49,9 @@ def _of_values(count, **values):
 
 
 def _packet_limits(rng):
-    """Points that fill a packet to its last bit, and one bit more."""
+    """Points of which exactly as many bits as there is room for are taken, and one more."""
     for last_area in (63, 64):
-        for count in (15, 16, 19, 20):  # about the limit before a trailer, and without one
+        for count in (15, 16, 19, 20):  # about the room before a trailer, and without one
             points = _of_values(count, u=77, v=5, area=np.full(count, 9))
             points["area"][-1] = last_area
             yield points

@@ -50,25 +50,25 @@ def _characters(octets, starts):
     bits[:, 0] = 0
     bits[:, 1:9] = np.unpackbits(
         np.frombuffer(octets, np.uint8)[:, None], axis=1, bitorder="little")
-    position = 10 * np.arange(len(octets))
-    position += 10 * GAP_CHARACTERS * np.searchsorted(starts, np.arange(len(octets)), side="right")
-    line = np.ones(position[-1] + 10 * (1 + GAP_CHARACTERS), np.uint8)
-    line[position[:, None] + np.arange(10)] = bits
-    return line, position
+    place = 10 * np.arange(len(octets))
+    place += 10 * GAP_CHARACTERS * np.searchsorted(starts, np.arange(len(octets)), side="right")
+    line = np.ones(place[-1] + 10 * (1 + GAP_CHARACTERS), np.uint8)
+    line[place[:, None] + np.arange(10)] = bits
+    return line, place
 
 
 def _received(line):
     """Octets that a receiver makes of the levels; it drops those without a stop bit."""
     levels = line.tobytes()
-    octets, position, limit = bytearray(), 0, len(levels) - 10
-    while 0 <= (position := levels.find(0, position)) <= limit:
-        word = levels[position + 1:position + 9]
-        if levels[position + 9]:
+    octets, place, limit = bytearray(), 0, len(levels) - 10
+    while 0 <= (place := levels.find(0, place)) <= limit:
+        word = levels[place + 1:place + 9]
+        if levels[place + 9]:
             octets.append(sum(bit << shift for shift, bit in enumerate(word)))
-            position += 10
+            place += 10
         else:  # the line has to be idle before the next start bit
-            position = levels.find(1, position + 9)
-            if position < 0:
+            place = levels.find(1, place + 9)
+            if place < 0:
                 break
     return bytes(octets)
 
@@ -102,11 +102,11 @@ def measure(octets, rate, seed, characters=False):
     bounds = np.cumsum([0] + [len(packet) for packet in packets])
     noise = np.random.default_rng([seed, round(1 / rate)])
     if characters:
-        line, position = _characters(sent, bounds[1:-1])
+        line, place = _characters(sent, bounds[1:-1])
         flips = noise.random(len(line)) < rate
-        flips[position[-1] + 10:] = False
+        flips[place[-1] + 10:] = False
         received = _received(line ^ flips)
-        ends = position[bounds[1:] - 1] + 10
+        ends = place[bounds[1:] - 1] + 10
     else:
         flips = noise.random(8 * len(sent)) < rate
         received = (np.frombuffer(sent, np.uint8) ^ np.packbits(flips)).tobytes()
@@ -123,16 +123,16 @@ def measure(octets, rate, seed, characters=False):
 
 def _compare(sent, arrived):
     """Places of those that are missing, and how many arrived that were not sent there."""
-    missing, wrong, position = set(), 0, 0
+    missing, wrong, place = set(), 0, 0
     left = {}
     for at, content in enumerate(sent):
         left.setdefault(content, []).append(at)
     for content in arrived:
-        later = [at for at in left.get(content, ()) if at >= position]
+        later = [at for at in left.get(content, ()) if at >= place]
         if not later:
             wrong += 1
             continue
-        missing.update(range(position, later[0]))
-        position = later[0] + 1
-    missing.update(range(position, len(sent)))
+        missing.update(range(place, later[0]))
+        place = later[0] + 1
+    missing.update(range(place, len(sent)))
     return missing, wrong

@@ -244,7 +244,7 @@ async def damage_gets_a_reply(dut):
     bench.o.stall = STALL
     replies = [(await bench.reply())[0] for _ in range(3)]
     assert replies == [damage, damage, bench.model.reply(content)]
-    # Octets that come while a reply waits are lost, and reported to the host.
+    # Octets that come while a reply waits are lost; the host is told.
     bench.o.stall = 1.0
     await ClockCycles(dut.clk, 2)
     await bench.i.send(encode(content))
@@ -262,7 +262,7 @@ async def damage_gets_a_reply(dut):
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
 async def numbers_of_two_octets_are_whole(dut):
-    """Inputs keep counting during STATUS: each number in the reply was there at some time."""
+    """Inputs count on while STATUS is answered: what it tells was so at some time."""
     bench = Rig(dut)
     await bench.reset()
 

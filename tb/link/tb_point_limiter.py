@@ -41,7 +41,7 @@ async def so_many_ok_points_a_frame(dut, gap, stall, limit):
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 async def an_end_waits_for_its_counts(dut):
-    """... and for space in their queue; points do not."""
+    """... and for room for them; points do not."""
     bench = Bench(dut, inputs=("i", "counts_i"), outputs=("o", "counts_o"), plain={"limit": 0})
     await bench.reset()
     bench.counts_o.stall = 1.0

@@ -122,7 +122,7 @@ async def waits_for_all_it_needs(dut):
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
 async def clocks(dut):
-    """The clocks of a point, of a packet, and of the packet of unmatched spots, as documented."""
+    """What the contract says of a point's clocks, of a packet's and of the packet of others."""
     rng = np.random.default_rng(SEED)
     bench = make(dut)
     await bench.reset()

@@ -35,7 +35,7 @@ class Rig(Bench):
         """Send, check after each octet what the block says; the last whole packet's content."""
         last = None
         for octet in octets:
-            wanted = self.model.feed(octet, self.held)
+            wanted = self.model.hear(octet, self.held)
             damages = [await self.clock(octet)]
             for _ in range(self.spacing - 1):
                 damages.append(await self.clock())
@@ -136,9 +136,9 @@ async def every_changed_bit_is_found(dut):
     bench = Rig(dut)
     await bench.reset()
     octets = encode(bytes([2, 0x31, 0x22, 0, 0x5A, 0]))
-    for bit in range(8, 8 * (len(octets) - 1)):
+    for place in range(8, 8 * (len(octets) - 1)):
         changed = bytearray(octets)
-        changed[bit // 8] ^= 1 << bit % 8
+        changed[place // 8] ^= 1 << place % 8
         assert await bench.send(changed) is None
     await bench.exchange(octets)
 

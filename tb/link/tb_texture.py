@@ -113,7 +113,7 @@ async def frame_by_frame(dut):
 @cocotb.test(timeout_time=50, timeout_unit="ms")
 async def packets_wait_over_frames(dut):
     """Some packets between frames: what is offered waits, but its pixels come from the frame that
-    is the newest when it is taken. Frames that cannot be announced are skipped, and counted."""
+    is the newest when it is taken. Frames that cannot be told of are left out, and counted."""
     bench = Rig(dut, stall=1.0)
     await bench.reset()
     for _ in range(30):
@@ -124,7 +124,7 @@ async def packets_wait_over_frames(dut):
 
 @cocotb.test(timeout_time=50, timeout_unit="ms")
 async def without_pixels(dut):
-    """``enable`` low: frames are announced, no pixels are sent."""
+    """``enable`` low: frames are told of, no pixels are sent."""
     bench = Rig(dut, stall=1.0, enable=0)
     await bench.reset()
     for number in range(4):
@@ -163,7 +163,7 @@ async def the_whole_image_goes_round(dut):
                     there = np.s_[row, column:column + len(pixels)]
                     assert (seen[there] < 0).all() and (sent_from[there] == pixels).all()
                     seen[there] = pixels
-        assert bench.model.next_pixel == 0
+        assert bench.model.stands == 0
 
 
 @cocotb.test(timeout_time=100, timeout_unit="ms")
@@ -175,7 +175,7 @@ async def nothing_is_left_for_a_frame(dut):
     last = min(86, WIDTH)
 
     def left():
-        return WIDTH * HEIGHT - bench.model.next_pixel
+        return WIDTH * HEIGHT - bench.model.stands
 
     while left() > 2 * WIDTH:
         if not await bench.same(1):
@@ -185,7 +185,7 @@ async def nothing_is_left_for_a_frame(dut):
         await bench.same(1)
     passing = cocotb.start_soon(bench.frame(broken=False))
     await ClockCycles(dut.clk, 20)
-    assert len(await bench.same(1)) == 1 and bench.model.next_pixel == 0
+    assert len(await bench.same(1)) == 1 and bench.model.stands == 0
     number = await passing
     assert await bench.packet() == bench.infos[number].content()
     await bench.nothing()
@@ -195,7 +195,7 @@ async def nothing_is_left_for_a_frame(dut):
 @cocotb.parametrize((("gap", "stall"),
                      [(0.0, 0.0), (0.0, 0.97), (0.5, 0.8), (0.9, 0.0), (0.9, 0.97)]))
 async def frames_and_packets_at_once(dut, gap, stall):
-    """Whatever the speeds: pixels in their order, each from the newest frame that arrived whole."""
+    """Whatever the speeds: pixels in their order, each from the newest frame that came whole."""
     bench = Rig(dut, gap, stall)
     await bench.reset()
     sent, passed, ended = [], [], {}
@@ -218,14 +218,14 @@ async def frames_and_packets_at_once(dut, gap, stall):
         await RisingEdge(dut.clk)
         idle = 0 if dut.busy.value else idle + 1
 
-    announced = []
+    told = []
     for _, content in sent:
         if content[0] == 0x59:
             number = int.from_bytes(content[2:4], "little")
-            skipped = number - announced[-1] - 1 if announced else number
-            assert content == replace(bench.infos[number], skipped=skipped).content()
-            announced.append(number)
-    assert announced == passed if not stall else len(announced) > 3
+            left_out = number - told[-1] - 1 if told else number
+            assert content == replace(bench.infos[number], skipped=left_out).content()
+            told.append(number)
+    assert told == passed if not stall else len(told) > 3
     at, numbers = 0, []
     for begin, content in sent:
         if content[0] == 0x58:
@@ -236,7 +236,7 @@ async def frames_and_packets_at_once(dut, gap, stall):
             assert not bench.infos[number].broken and ended[number] <= begin
             assert (bench.images[number][row, column:column + len(pixels)] == pixels).all()
             numbers.append(number)
-            newer = [other for other in announced if number < other and ended[other] < begin
+            newer = [other for other in told if number < other and ended[other] < begin
                      and not bench.infos[other].broken]
             # The newest one has nothing if sending went past the image's end while it passed.
             assert len(newer) <= 1

@@ -67,8 +67,7 @@ async def all_sent(bench):
 @cocotb.parametrize((("gap", "full_records", "flow"),
                      [(0.0, 0, 0), (0.0, 1, 0), (0.6, 0, 1), (0.0, 1, 1)]))
 async def everything_at_once(dut, gap, full_records, flow):
-    """Each source's packets come whole and in order; points first, unmatched spots
-    right behind them."""
+    """Each source's packets come whole and in order; points first, others at once behind them."""
     rng, np_rng = random.Random(SEED), np.random.default_rng(SEED)
     bench = Bench(dut, inputs=INPUTS, outputs=(), gap=gap, seed=SEED, plain={
         "tag": 1, "full_records": full_records, "divisor": DIVISOR, "cts": 1})

@@ -1,4 +1,4 @@
-"""Bench of the serial receiver: it receives what its model does, in the same clocks."""
+"""Bench of the serial receiver: what it tells is what its model hears, in the same clocks."""
 
 import random
 
@@ -15,7 +15,7 @@ def characters(octets, bit, rng, pause=0.0, stop=1.0):
     """Levels of characters of ``bit`` clocks a bit (any number), at a random phase."""
     edges, now = [], 2 * bit + rng.random()
     for octet in octets:
-        for level in [0, *(octet >> bit & 1 for bit in range(8))]:
+        for level in [0, *(octet >> place & 1 for place in range(8))]:
             edges.append((now, level))
             now += bit
         edges.append((now, 1))
@@ -29,31 +29,31 @@ def characters(octets, bit, rng, pause=0.0, stop=1.0):
 
 
 class Line(Bench):
-    """Drives the line; what is received and when, the first level being in clock 0."""
+    """Drives the line; what is heard and when, the first level being in clock 0."""
 
     def __init__(self, dut, divisor):
         super().__init__(dut, inputs=(), outputs=(), plain={"rx": 1, "divisor": divisor})
         self.divisor = divisor
 
-    async def listen(self, levels):
-        received = []
+    async def hear(self, levels):
+        heard = []
         for clock, level in enumerate([*levels, *[1] * (LATENCY + 1)]):
             self.dut.rx.value = int(level)
             await ReadOnly()
             assert not (self.dut.o_valid.value and self.dut.framing.value)
             if self.dut.o_valid.value:
-                received.append((clock, int(self.dut.o_payload.value)))
+                heard.append((clock, int(self.dut.o_payload.value)))
             if self.dut.framing.value:
-                received.append((clock, None))
+                heard.append((clock, None))
             await RisingEdge(self.dut.clk)
-        return received
+        return heard
 
     async def compare(self, levels):
-        """What the block receives, the same as its model; at the end the line is idle."""
+        """What the block hears, the same as its model; in the end the line rests."""
         levels = [*levels, *[1] * 12 * self.divisor]
-        received = await self.listen(levels)
-        assert received == receive(levels, self.divisor)
-        return [octet for _, octet in received]
+        heard = await self.hear(levels)
+        assert heard == receive(levels, self.divisor)
+        return [octet for _, octet in heard]
 
 
 def some_octets(rng, number):
@@ -132,7 +132,7 @@ async def breaks_and_missing_stop_bits(dut, divisor):
 @cocotb.test(timeout_time=20, timeout_unit="ms")
 @cocotb.parametrize(divisor=[2, 5, 16])
 async def noise(dut, divisor):
-    """Levels of any length: as the model has it, and afterwards octets are received again."""
+    """Levels of any length: what is heard is the model's matter, and afterwards all is well."""
     bench = Line(dut, divisor)
     await bench.reset()
     rng = random.Random(f"{SEED} {divisor}")

@@ -217,7 +217,7 @@ def test_every_refusal_changes_nothing(preset):
     host.set(ready=1)
     host.read_everything()
 
-    # While frames are taken: what needs a stopped chip.
+    # While frames are taken: what needs a chip that stands still.
     assert host.write("mode", Mode.CONTINUOUS) == Reason.OK
     assert host.model.acting["mode"] == Mode.CONTINUOUS
     refused(Reason.NOT_STOPPED, Command.WRITE, word("divisor", 100))

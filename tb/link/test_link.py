@@ -28,16 +28,16 @@ def clean(decoder):
 
 
 def same_points(got, points, full):
-    """Ok points in their order without beam and depth, then the unmatched ones."""
+    """Ok points in their order without beam and depth, then the others."""
     if full:
         return np.array_equal(got, points)
-    ok, unmatched = points[points["status"] == 0].copy(), points[points["status"] != 0][:10]
+    ok, others = points[points["status"] == 0].copy(), points[points["status"] != 0][:10]
     ok["beam"] = ok["inverse_z"] = 0
-    return np.array_equal(got, np.concatenate([ok, unmatched]))
+    return np.array_equal(got, np.concatenate([ok, others]))
 
 
 def assert_same(got, frame, full=False):
-    """A decoded frame is what was sent."""
+    """A decoded frame tells what was sent."""
     for name in FIELDS:
         assert getattr(got, name) == frame[name], name
     assert got.flags & 0xFE == frame["flags"] & 0xFE
@@ -81,16 +81,15 @@ def test_frames_of_the_model(case, full):
     _, frame = case
     names = ("learning", "broken", "laser", "capture", "tripped", "tables_valid")
     flags = sum(getattr(frame, name) << bit for bit, name in enumerate(names, 1))
-    sent_frame = make_frame(
-        frame.points, frame.number, rejected=frame.rejected, dropped=frame.dropped, flags=flags,
-        **{name: getattr(frame, name) for name in (
-            "level", "skipped", "exposure_us", "timestamp_us")})
-    sent_frame["spots"] = frame.spots
+    told = make_frame(frame.points, frame.number, rejected=frame.rejected, dropped=frame.dropped,
+                      flags=flags, **{name: getattr(frame, name) for name in (
+                          "level", "skipped", "exposure_us", "timestamp_us")})
+    told["spots"] = frame.spots
     octets, _ = framer.frame(points_model.packets(frame, full), 250)
-    assert octets == Wire(250).frame(sent_frame, full)
+    assert octets == Wire(250).frame(told, full)
     decoder = Decoder()
     got, = decoder.feed(b"".join(octets))
-    assert_same(got, sent_frame, full)
+    assert_same(got, told, full)
     assert clean(decoder) and [getattr(got, name) for name in names] == [
         getattr(frame, name) for name in names]
 
@@ -173,11 +172,11 @@ def test_frame_waits_for_its_other_spots():
     points = np.zeros(3, POINT)
     points["status"] = [0, 1, 3]
     frame = make_frame(points, 4)
-    last, unmatched = Wire().frame(frame)
+    last, others = Wire().frame(frame)
     after = Wire(2).reply(1, 1, 0)
     decoder = Decoder()
     assert decoder.events(last) == []
-    got, = decoder.events(unmatched)
+    got, = decoder.events(others)
     assert got.complete
     decoder = Decoder()
     assert decoder.events(last) == []
@@ -191,7 +190,7 @@ def test_frame_waits_for_its_other_spots():
 
 
 def test_pieces_of_any_size():
-    """However the octets are cut, their events are the same."""
+    """However the octets are cut, what they tell is the same."""
     rng = random.Random(2)
     _, pieces = stream(rng, 30)
     octets = b"".join(one for piece in pieces for one in piece)
@@ -252,7 +251,7 @@ def test_numbers_and_times_go_on():
 
 @pytest.mark.parametrize("beams, size", [(49, (352, 288)), (4, (64, 64))])
 def test_rebuilt_points(beams, size):
-    """Beam and depth come back bit for bit; the check finds any that do not."""
+    """Beam and depth come back bit for bit; the check tells what is not so."""
     settings = any_settings(*size, beams)
     rebuild = Rebuilder(settings, *size)
     rng = np.random.default_rng(1)

@@ -48,9 +48,9 @@ def test_every_table_is_shown():
     if isinstance(value, type) and issubclass(value, IntEnum) and value is not IntEnum],
     ids=lambda enumeration: enumeration.__name__)
 def test_every_member_has_a_meaning(enumeration):
-    meanings = tables.meanings(enumeration)
-    assert list(meanings) == list(enumeration.__members__)
-    assert all(meanings.values())
+    told = tables.meanings(enumeration)
+    assert list(told) == list(enumeration.__members__)
+    assert all(told.values())
 
 
 def test_the_example_is_what_the_chip_answers():
@@ -65,7 +65,7 @@ def test_the_example_is_what_the_chip_answers():
         octets = bytes.fromhex(asked[6:])
         clocks = 2000 + host.rig.commands.commit_clocks()
         got, = host.send(octets, clocks)
-        assert [got] == host.model.feed(octets)
+        assert [got] == host.model.hear(octets)
         (packet,), sequence = frame([got], sequence)
         assert packet.hex(" ") == answered[6:]
         reasons.add(got[3])

@@ -42,7 +42,7 @@ def test_model_sends_every_pixel_once():
                 assert (image[row, column:column + len(pixels)] == pixels).all()
                 seen[row, column:column + len(pixels)] += 1
                 sizes.add(len(pixels))
-        if one.next_pixel == 0:
+        if one.stands == 0:
             break
     assert (seen == 1).all()
     # 1023 pixels a frame end anywhere in a row.

@@ -12,7 +12,7 @@ __all__ = ["TextureRig"]
 
 
 class TextureRig(wiring.Component):
-    """Frames to packets; with ``clock_gated`` the sending side's clock stops when not busy."""
+    """Frames to packets; with ``clock_gated`` the clock of the sending side stands while it may."""
 
     def __init__(self, width, height, clock_gated=False):
         self.size, self.clock_gated = (width, height), clock_gated

@@ -17,11 +17,11 @@ _LIMIT = 97
 
 def cobs(octets):
     """COBS of less than 254 octets: each zero becomes the distance to the next one."""
-    stuffed, positions = [0, *octets, 0], []
-    for position, octet in enumerate(stuffed):
+    stuffed, places = [0, *octets, 0], []
+    for place, octet in enumerate(stuffed):
         if octet == 0:
-            positions.append(position)
-    for first, second in zip(positions, positions[1:], strict=False):
+            places.append(place)
+    for first, second in zip(places, places[1:], strict=False):
         stuffed[first] = second - first
     return bytes(stuffed[:-1])
 
@@ -39,18 +39,18 @@ def bits_of_check(points):
     for point in points:
         if point["status"] == 0:
             word = int(point["beam"]) | int(point["inverse_z"]) << 7
-            for position in range(25):
-                odd = (value ^ word >> position) & 1
+            for place in range(25):
+                odd = (value ^ word >> place) & 1
                 value = value >> 1 ^ (0x8408 if odd else 0)
     return value ^ 0xFFFF
 
 
 def _record(point):
-    word, position = 0, 0
+    word, place = 0, 0
     for name, bits in (("status", 2), ("beam", 7), ("area", 8), ("u", 18), ("v", 18),
                        ("inverse_z", 18)):
-        word |= int(point[name]) << position
-        position += bits
+        word |= int(point[name]) << place
+        place += bits
     return word.to_bytes(9, "little")
 
 
@@ -64,7 +64,7 @@ def _short(point, before):
 
 
 def make_frame(points, number=0, *, rejected=0, dropped=0, **fields):
-    """A dictionary of a frame as the chip would report it; `rejected` are those not passed on."""
+    """A dictionary of a frame as the chip would tell it; `rejected` are those not passed on."""
     counts = [int(np.count_nonzero(points["status"] == status)) for status in range(4)]
     return {
         "number": number, "level": 40, "skipped": 0, "exposure_us": 500, "timestamp_us": 0,
@@ -114,8 +114,8 @@ class Wire:
         points = frame["points"]
         listed = points if full else points[points["status"] != 0][:10]
         number = int(frame["number"])
-        unmatched = frame["noise"] + frame["ambiguous"] + frame["rejected"]
-        unlisted = unmatched - int(np.count_nonzero(listed["status"]))
+        others = frame["noise"] + frame["ambiguous"] + frame["rejected"]
+        unlisted = others - int(np.count_nonzero(listed["status"]))
         counts = [frame[name] for name in ("spots", "ok", "noise", "ambiguous", "rejected",
                                            "dropped")] + [unlisted]
         wide = max(counts) > 255
@@ -126,12 +126,12 @@ class Wire:
                    + b"".join(int(count).to_bytes(1 + wide, "little") for count in counts)
                    + bytes([frame["flags"] & 0xFE | wide]))
         low = bytes([number & 0xFF])
-        space = _LIMIT - 4 - 3
+        room = _LIMIT - 4 - 3
         packets = []
         if full:
             bodies = [b""]
             for point in points:
-                if len(bodies[-1]) + 9 > space:
+                if len(bodies[-1]) + 9 > room:
                     bodies.append(b"")
                 bodies[-1] += _record(point)
             kinds = 0x52, 0x53
@@ -139,7 +139,7 @@ class Wire:
             bodies, word, size, before = [], 0, 0, 0
             for point in points[points["status"] == 0]:
                 bits, length = _short(point, before)
-                if size + length > 8 * space:
+                if size + length > 8 * room:
                     bodies.append(word.to_bytes(-(-size // 8), "little"))
                     word, size = 0, 0
                     bits, length = _short(point, 0)
@@ -148,7 +148,7 @@ class Wire:
                 before = int(point["v"])
             bodies.append(word.to_bytes(-(-size // 8), "little"))
             kinds = 0x50, 0x51
-        if len(bodies[-1]) + len(trailer) > space:
+        if len(bodies[-1]) + len(trailer) > room:
             bodies.append(b"")
         for body in bodies[:-1]:
             packets.append(self.packet(kinds[0], low + body))
@@ -164,7 +164,7 @@ class Wire:
 
     def texture_frame(self, number, *, skipped=0, exposure_us=10_000, timestamp_us=0, bad_sync=0,
                       overrun=0, flags=0xC0):
-        """The packet that announces a texture frame."""
+        """What is told of a texture frame."""
         return self.packet(
             0x59, bytes([number & 0xFF]) + (number & 0xFFFF).to_bytes(2, "little")
             + bytes([skipped]) + exposure_us.to_bytes(2, "little")

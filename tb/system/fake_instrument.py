@@ -41,11 +41,11 @@ def images(count=8, width=64, height=64):
 
 def _unstuffed(piece):
     """COBS undone; what is not COBS gives something that no check passes."""
-    out, position = b"", 0
-    while position < len(piece):
-        step = piece[position]
-        out += piece[position + 1:position + step] + b"\0"
-        position += step
+    out, place = b"", 0
+    while place < len(piece):
+        step = piece[place]
+        out += piece[place + 1:place + step] + b"\0"
+        place += step
     return out[:-1]
 
 

@@ -47,7 +47,7 @@ def show(request, config, settings, images, divisor=1, clock_gated=True, **senso
     settings : :class:`model.settings.Settings`
         Registers and tables.
     images : sequence of array (height, width) of uint8
-        Frames, at most as many as ``rig.v`` can hold.
+        Frames, as many as ``rig.v`` has room for or fewer.
     divisor : :class:`int`
         Clocks per bit of the serial line.
     clock_gated : :class:`bool`

@@ -1,5 +1,5 @@
 // For simulation only: an imager, a laser driver and the host's end of the serial line around the
-// instrument. Clocks run in here; a bench wakes for octets and for images, which it makes from
+// instrument. Clocks run in here; a bench wakes for octets and for pictures, which it makes from
 // what the imager counted.
 `timescale 1ns / 1ps
 
@@ -20,7 +20,7 @@ module instrument_rig #(
     wire sensor_reset, sensor_integrate, sensor_read, laser, tx, busy;
     reg cts = 1;
 
-    // An AC-coupled driver: light while the pin toggles, none four clocks after the last edge.
+    // An AC-coupled driver: light while the pin moves, dark four clocks after it stands still.
     reg pin = 0;
     reg [2:0] hold = 0;
     wire light = hold != 0;
@@ -44,13 +44,13 @@ module instrument_rig #(
     end
 
     // The imager integrates between its reset and its read-out. `exposures` counts read-outs asked
-    // for; the bench then makes the image, and raises `go` when it is in the file.
+    // for; the bench then makes the picture, and raises `go` when it is in the file.
     reg [31:0] integrated = 0, lit = 0, exposures = 0;
     reg read_before = 0;
-    reg [1023:0] image;
+    reg [1023:0] picture;
     reg [7:0] pixels [0:WIDTH*HEIGHT-1];
     reg go = 0;
-    initial if (!$value$plusargs("image=%s", image)) $fatal(1, "no image");
+    initial if (!$value$plusargs("picture=%s", picture)) $fatal(1, "no picture");
     always @(posedge clk) begin
         read_before <= sensor_read;
         if (sensor_reset) begin
@@ -83,7 +83,7 @@ module instrument_rig #(
                 row <= row + 1;
             end
         end else if (go && !gone) begin
-            $readmemh(image, pixels);
+            $readmemh(picture, pixels);
             row <= 0;
             column <= 0;
             address <= 0;

@@ -40,7 +40,7 @@ class PlayedInstrument:
 
     def __init__(self, shown, texture, config=SMALL):
         self.shown, self.texture = shown, texture
-        self.instrument = Instrument(config, self._image_of)
+        self.instrument = Instrument(config, self._picture)
         self.run = self.instrument.run
         self.noise, self.deaf, self.damaging, self.mute = 0.0, 0, 0, 0
         self._played = []  # of every frame: the number of the pattern, None for a texture
@@ -67,7 +67,7 @@ class PlayedInstrument:
             octets = (np.frombuffer(octets, np.uint8) ^ np.packbits(flips)).tobytes()
         return octets
 
-    def _image_of(self, integrated_us, _):
+    def _picture(self, integrated_us, _):
         if integrated_us > _PATTERN_US:
             self._played.append(None)
             return self.texture

@@ -8,8 +8,8 @@ module rig #(
     parameter FRAMES = 32
 );
 
-    // The same clock for pixels and system: one pixel a clock. With GATED, the spot side's stops
-    // while it is not busy.
+    // The same clock for pixels and system: one pixel a clock. With GATED, the spot side's stands
+    // still while it is not busy.
     reg clk = 0;
     reg spot_clk = 0;
     reg rst = 1;
@@ -108,7 +108,7 @@ module rig #(
     reg [71:0] table_data = 0;
     wire tx;
 
-    // The sequencer's signals and the counters are not used here.
+    // The sequencer's signals and the counters are not looked at here.
     /* verilator lint_off PINMISSING */
     capsule capsule (
         .clk(clk), .rst(rst), .pixel_clk(clk), .pixel_rst(rst), .busy(busy),
@@ -129,8 +129,8 @@ module rig #(
     reg [31:0] octets = 0;
     reg framing_error = 0;
     reg [7:0] shift = 0;
-    reg [15:0] left = 0;  // clocks until the line is sampled
-    reg [3:0] bits = 0;  // bits still to come, the stop bit included
+    reg [15:0] left = 0;  // clocks until the line is looked at
+    reg [3:0] bits = 0;  // so many still to come, the stop bit included
 
     always @(posedge clk) begin
         if (bits == 0) begin

@@ -57,9 +57,9 @@ class Rig:
         await RisingEdge(dut.clk)
         dut.start.value = 1
         await RisingEdge(dut.done)
-        received = -1
-        while received != len(self.octets):
-            received = len(self.octets)
+        quiet = -1
+        while quiet != len(self.octets):
+            quiet = len(self.octets)
             await ClockCycles(dut.clk, 5000 * self.case.get("divisor", 1))
 
 

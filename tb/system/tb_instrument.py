@@ -1,4 +1,4 @@
-"""The instrument under cocotb: the host's commands bit by bit, images as the imager exposes."""
+"""The instrument under cocotb: the host's commands bit by bit, pictures as the imager exposes."""
 
 import pickle
 from pathlib import Path
@@ -52,7 +52,7 @@ class Rig:
                 image = self.case["images"][patterns % len(self.case["images"])]
                 patterns += 1
             self.shown.append((image, *microseconds))
-            Path(self.case["image_file"]).write_text(image.tobytes().hex("\n"))
+            Path(self.case["picture"]).write_text(image.tobytes().hex("\n"))
             dut.go.value = 1
             await ClockCycles(dut.clk, 8)
             dut.go.value = 0

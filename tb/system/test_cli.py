@@ -3,6 +3,7 @@
 import errno
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -139,15 +140,19 @@ def test_faults_of_the_program_can_be_seen(monkeypatch):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_end_it_in_one_sentence(number, capsys):
-    before = signal.getsignal(number)
+    usual = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
+    before = signal.signal(number, usual)  # in the background some are ignored
 
     def action():
         os.kill(os.getpid(), number)
         time.sleep(60)
 
-    assert cli.guarded(action) == 130
-    assert said(capsys) == "cyclope: interrupted.\n"
-    assert signal.getsignal(number) == before
+    try:
+        assert cli.guarded(action) == 130
+        assert said(capsys) == "cyclope: interrupted.\n"
+        assert signal.getsignal(number) == usual
+    finally:
+        signal.signal(number, before)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
@@ -188,4 +193,5 @@ def test_commands_are_named_as_they_can_be_typed(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(script.parent))
     assert program.program() == "cyclope"
     monkeypatch.setattr(sys, "argv", ["-c"])
-    assert program.program() in ("cyclope", f"{Path(sys.executable).with_name('cyclope')}")
+    assert program.program() in (
+        "cyclope", shlex.quote(f"{Path(sys.executable).with_name('cyclope')}"))

@@ -15,11 +15,11 @@ from scripts.host.chip import REGISTERS, RefusedError
 from scripts.host.framing import frame_packet
 from scripts.host.loading import stop
 from scripts.host.recorder import Recorder, Texture
-from tb.system.instrument_bench import InstrumentBench
 from tb.system.played_instrument import SMALL
 from tb.system.stimuli import any_settings, random_frame, spot_frame
 from tb.system.test_paper import settings_of as paper_settings
 from tb.system.test_paper_instrument import VIDEO
+from tb.system.whole import Whole
 
 PERIOD_US = 40_000
 
@@ -39,7 +39,7 @@ def test_pairs_reach_the_reader(seed, blanking, full_records):
     """Pattern and texture in turn, every 40 ms to the clock; every point is the model's."""
     images = [random_frame(64, 64, 5 * seed + n) for n in range(10)]
     texture = np.random.default_rng(seed).integers(0, 256, (64, 64)).astype(np.uint8)
-    bench = InstrumentBench(SMALL, small(seed), images, texture, full_records=full_records,
+    bench = Whole(SMALL, small(seed), images, texture, full_records=full_records,
                   mode=Mode.CONTINUOUS, line_blanking=blanking)
     bench.run(10.5 * PERIOD_US)
     bench.assert_link_is_clean()
@@ -60,7 +60,7 @@ def test_addressed_pixels(latency, interval):
     config = replace(SMALL, converter_latency=latency, converter_interval=interval)
     images = [random_frame(64, 64, 70 + n) for n in range(6)]
     texture = np.random.default_rng(latency).integers(0, 256, (64, 64)).astype(np.uint8)
-    bench = InstrumentBench(config, small(3), images, texture, mode=Mode.CONTINUOUS)
+    bench = Whole(config, small(3), images, texture, mode=Mode.CONTINUOUS)
     bench.run(7.5 * PERIOD_US)
     bench.assert_link_is_clean()
     bench.assert_frames_are_the_model_s()
@@ -87,7 +87,7 @@ def test_video_rate():
     }
     settings = any_settings(352, 288, config.beams, 3, level_fixed=100, area_min=1,
                             report_rejected=False, erosion="off")
-    bench = InstrumentBench(config, settings, [], mode=Mode.CONTINUOUS)
+    bench = Whole(config, settings, [], mode=Mode.CONTINUOUS)
     for kind, image in images.items():
         # One load for all of them: it takes longer than the frames.
         bench.images[:] = [image.astype(np.uint8)]
@@ -112,7 +112,7 @@ def test_video_rate():
 @pytest.mark.parametrize("seed", [3])
 def test_silent_sensor_loses_the_laser_and_gets_it_back(seed):
     """Disarmed and flagged within two periods; good frames again within two more."""
-    bench = InstrumentBench(SMALL, small(seed), spots(seed), mode=Mode.CONTINUOUS)
+    bench = Whole(SMALL, small(seed), spots(seed), mode=Mode.CONTINUOUS)
     bench.run(4.6 * PERIOD_US)
     bench.instrument.silence(True)
     bench.run(2 * PERIOD_US)
@@ -140,7 +140,7 @@ def test_silent_sensor_loses_the_laser_and_gets_it_back(seed):
 @pytest.mark.parametrize("fault", ["short line", "long line", "short frame", "one line"])
 def test_bad_sync_costs_one_frame(fault):
     """Flagged; the next frame is the model's; nothing else is lost."""
-    bench = InstrumentBench(SMALL, small(4), spots(4), mode=Mode.CONTINUOUS, line_blanking=4)
+    bench = Whole(SMALL, small(4), spots(4), mode=Mode.CONTINUOUS, line_blanking=4)
     bench.run(4 * PERIOD_US)
     bench.take()
     while bench.shown[-1][0] is not None:  # the next frame is a pattern
@@ -164,7 +164,7 @@ def test_bad_sync_costs_one_frame(fault):
 
 def test_broken_frames_alone_lose_the_laser():
     """Frames that all lose synchronism are no heartbeat: the light ends before the next is due."""
-    bench = InstrumentBench(SMALL, small(6), spots(6), mode=Mode.CONTINUOUS, line_blanking=4)
+    bench = Whole(SMALL, small(6), spots(6), mode=Mode.CONTINUOUS, line_blanking=4)
     bench.run(4 * PERIOD_US)
     since = bench.now_us
     while bench.now_us < since + 6 * PERIOD_US:
@@ -180,7 +180,7 @@ def test_broken_frames_alone_lose_the_laser():
 
 def test_new_speed_of_the_line():
     """The reply to a new divisor comes whole at the old speed; what follows at the new one."""
-    bench = InstrumentBench(SMALL, small(7), spots(7), mode=Mode.CONTINUOUS)
+    bench = Whole(SMALL, small(7), spots(7), mode=Mode.CONTINUOUS)
     bench.run(3 * PERIOD_US)
     stop(bench.commands)
     bench.run(PERIOD_US)
@@ -196,7 +196,7 @@ def test_new_speed_of_the_line():
 def test_no_tables_no_light():
     """Uncommitted or damaged tables keep the laser off; calibration capture lights it for a while,
     and says so in each frame."""
-    bench = InstrumentBench(SMALL, small(6), spots(6), load=False, mode=Mode.CONTINUOUS)
+    bench = Whole(SMALL, small(6), spots(6), load=False, mode=Mode.CONTINUOUS)
     bench.run(3 * PERIOD_US)
     assert not len(bench.instrument.pulses)
     assert not any(frame.laser or frame.tables_valid for frame in bench.frames)
@@ -230,7 +230,7 @@ def test_pictures_for_a_calibration():
     rng = np.random.default_rng(12)
     seen, texture = (rng.integers(0, 256, (64, 64)).astype(np.uint8) for _ in range(2))
     dark = np.full((64, 64), 7, np.uint8)
-    bench = InstrumentBench(SMALL, small(12), [seen], texture, load=False, pattern_as_texture=1,
+    bench = Whole(SMALL, small(12), [seen], texture, load=False, pattern_as_texture=1,
                   mode=Mode.PATTERN)
     bench.light = lambda image, lit_us: image if lit_us else dark
     bench.run(2 * PERIOD_US)
@@ -268,12 +268,12 @@ def test_tables_change_between_frames(config, model, settings_of):
     paper = config.preset == "paper"
     images = [spot_frame(config.width, config.height, 70 + n, spots=49 if paper else 12)
               for n in range(6)]
-    bench = InstrumentBench(config, one, images, mode=Mode.CONTINUOUS, full_records=1,
-                  remap_in_memory=paper)
+    bench = Whole(config, one, images, mode=Mode.CONTINUOUS, full_records=1,
+                  places_in_memory=paper)
     bench.decoder.rebuild = None
     bench.run(4 * PERIOD_US)
-    bench.load(other, unbanked=False)
-    assert not paper or bench.shown_during_commit >= 4
+    bench.load(other, not_banked=False)
+    assert not paper or bench.shown_meanwhile >= 4
     bench.run(4 * PERIOD_US)
     models = [model(settings, config.width, config.height) for settings in (one, other)]
     sets = []
@@ -290,7 +290,7 @@ def test_tables_change_between_frames(config, model, settings_of):
 
 @pytest.mark.parametrize("mode", [Mode.SINGLE, Mode.PATTERN])
 def test_modes(mode):
-    bench = InstrumentBench(SMALL, small(9), spots(9), period_us=20_000, mode=mode)
+    bench = Whole(SMALL, small(9), spots(9), period_us=20_000, mode=mode)
     bench.run(6 * 20_000)
     if mode == Mode.SINGLE:
         assert [frame.laser for frame in bench.frames].count(True) == 1
@@ -306,7 +306,7 @@ def test_modes(mode):
 
 def test_exposure_changes_with_its_frame():
     """From the frame on that says so, and with no other."""
-    bench = InstrumentBench(SMALL, small(10, level_fixed=80), spots(10), mode=Mode.CONTINUOUS)
+    bench = Whole(SMALL, small(10, level_fixed=80), spots(10), mode=Mode.CONTINUOUS)
     bench.run(3 * PERIOD_US)
     bench.commands.write("pattern_us", 321)
     bench.commands.write("texture_us", 7654)
@@ -319,7 +319,7 @@ def test_exposure_changes_with_its_frame():
 
 def test_too_long_a_pattern_is_cut():
     """A register beyond the ceiling: one millisecond of light in 40, flagged."""
-    bench = InstrumentBench(SMALL, small(11, level_fixed=80), spots(11), mode=Mode.CONTINUOUS,
+    bench = Whole(SMALL, small(11, level_fixed=80), spots(11), mode=Mode.CONTINUOUS,
                   pattern_us=2500)
     bench.run(5 * PERIOD_US)
     assert bench.assert_light_is_safe() >= 3
@@ -334,7 +334,7 @@ def test_too_long_a_pattern_is_cut():
 
 def test_clear_to_send_holds_and_loses_nothing_but_time():
     """No octet while CTS is low, but the one on the line; all that came is whole."""
-    bench = InstrumentBench(SMALL, small(12), spots(12), mode=Mode.CONTINUOUS)
+    bench = Whole(SMALL, small(12), spots(12), mode=Mode.CONTINUOUS)
     bench.run(3 * PERIOD_US)
     bench.instrument.clear_to_send(False)
     bench.run(100)
@@ -350,7 +350,7 @@ def test_clear_to_send_holds_and_loses_nothing_but_time():
 
 def test_stop_waits_for_no_line():
     """With CTS low neither points nor replies leave; the laser stops all the same."""
-    bench = InstrumentBench(SMALL, small(12), spots(12), mode=Mode.CONTINUOUS)
+    bench = Whole(SMALL, small(12), spots(12), mode=Mode.CONTINUOUS)
     bench.run(3 * PERIOD_US)
     bench.instrument.clear_to_send(False)
     bench.run(3 * PERIOD_US)
@@ -371,7 +371,7 @@ def test_stop_waits_for_no_line():
 def test_gaps_between_packets():
     """Three character times of rest between packets, none within, on the serial pin."""
     config = Config()
-    bench = InstrumentBench(config, any_settings(352, 288, config.beams, 13, report_rejected=False),
+    bench = Whole(config, any_settings(352, 288, config.beams, 13, report_rejected=False),
                   [spot_frame(352, 288, 13, spots=49)], mode=Mode.CONTINUOUS)
     octets, stamps = bytearray(), []
     for _ in range(400):

@@ -28,7 +28,7 @@ class Engine(RTLEngine):
     def __init__(self, settings, config, watched=False, **choices):
         super().__init__(settings, config, **choices)
         self._library.capsule_seen.restype = ctypes.c_size_t
-        self._library.capsule_display(self._handle, ctypes.c_uint32(SCREEN_RATE), int(watched))
+        self._library.capsule_screen(self._handle, ctypes.c_uint32(SCREEN_RATE), int(watched))
 
     def idle(self, clocks):
         self._library.capsule_idle(self._handle, ctypes.c_uint64(clocks))

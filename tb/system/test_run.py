@@ -1,8 +1,10 @@
 """``cyclope run`` and the demonstration: what they write, and what they refuse."""
 
 import csv
+import errno
 import io
 import json
+import resource
 import shutil
 from pathlib import Path
 
@@ -11,11 +13,12 @@ import numpy as np
 import pytest
 
 from hdl.protocol import Flag
+from model.errors import UserError
 from scripts import demo
 from scripts.cyclope import cli
 from scripts.host.decoder import Frame
 from scripts.paths import ROOT
-from scripts.results import accuracy, demo_figures, frames, measure, outputs
+from scripts.results import accuracy, demo_figures, frames, measure, measurement, overlay
 from scripts.results.points import POINT, STATUS
 from scripts.simulation import library as native
 from tb.system.conftest import CACHE
@@ -148,10 +151,29 @@ def test_independent_frames_do_not_depend_on_their_order(prepared, tmp_path):
 def test_frames_are_numbered(names, numbers, tmp_path):
     for name in names:
         (tmp_path / name).touch()
-    entries, truth = frames.find_frames([tmp_path])
-    assert [entry.index for entry in entries] == numbers and truth is None
+    found = frames.find_frames([tmp_path])
+    assert [entry.index for entry in found.entries] == numbers and found.truth is None
+    assert bool(found.notes) == (set(numbers) == {0, 1} and "b.png" not in names)
     if set(numbers) == {0, 1}:
-        assert [entry.path.name for entry in entries] == sorted(names)
+        assert [entry.path.name for entry in found.entries] == sorted(names)
+
+
+def test_what_is_not_used_is_named(prepared, tmp_path, capsys):
+    """Files of a folder that are no frames, frames that were named twice, unclear numbers."""
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for name in ("0001_ir.png", "0002.tif", "3_texture.png", "0004_ir.webp", "note.txt", ".hidden"):
+        shutil.copy(frames_of(prepared[0])[0], folder / name)
+    assert model(prepared, folder, tmp_path / "out") == 0
+    printed = capsys.readouterr().out.replace("\n", " ")
+    assert f"! not used in {folder}:" in " ".join(printed.split())
+    assert "0002.tif, 0004_ir.webp, 3_texture.png, note.txt" in " ".join(printed.split())
+    assert "0004_ir.webp" in (tmp_path / "out" / "summary.txt").read_text()
+    path = folder / "0001_ir.png"
+    assert frames.find_frames([path, path]).notes == [f"named twice: {path}"]
+    shutil.copy(path, folder / "x_ir.png")
+    notes = frames.find_frames([folder]).notes
+    assert notes[0].startswith("frames are numbered by their position in the sorted list")
 
 
 def test_texture_gives_the_intensity(prepared, tmp_path):
@@ -165,13 +187,14 @@ def test_texture_gives_the_intensity(prepared, tmp_path):
 
 
 @pytest.mark.parametrize("grey, note", [(0, "all black"), (255, "all white"), (9, "no spot")])
-def test_frames_without_spots_run(grey, note, prepared, tmp_path):
+def test_frames_without_spots_are_reported(grey, note, prepared, tmp_path, capsys):
     folder = tmp_path / "in"
     folder.mkdir()
     cv2.imwrite(str(folder / "0.png"), np.full((288, 352), grey, np.uint8))
     cv2.imwrite(str(folder / "1.png"), np.full((288, 352), grey, np.uint8))
     assert cli.main(["run", folder, "--calibration", prepared[1], "--engine", "model", "-o",
-                     tmp_path / "out"]) == 0
+                     tmp_path / "out"]) == 3
+    assert "! no frame has an ok point, so nothing here is to be used" in capsys.readouterr().out
     assert note in (tmp_path / "out" / "summary.txt").read_text()
     assert not [row for row in table(tmp_path / "out") if row["status"] == "ok"]
     assert "element vertex 0" in (tmp_path / "out" / "points.ply").read_text()
@@ -184,7 +207,7 @@ def test_frames_without_spots_run(grey, note, prepared, tmp_path):
     ({"flags": 1 << Flag.BROKEN, "skipped": 2}, [1],
      ("broken: synchronism lost", "2 frames lost before it")),
     ({"spots": 5, "dropped": 3, "ok": 1, "rejected": 1}, [1],
-     ("3 spots dropped, no room", "1 rejected spot without a row")),
+     ("3 spots dropped: buffer full", "1 rejected spot without a row")),
     ({"lost": 1}, [1], ("1 packet lost on the link",)),
     ({"verified": False}, [1],
      ("its check fails: other tables in the chip, or a fault in its depth unit",)),
@@ -331,13 +354,78 @@ def test_broken_truth_is_refused(prepared, tmp_path, capsys):
     assert "truth.csv" in refused(capsys, tmp_path, out, model(prepared, tmp_path / "in", out))
 
 
-def test_interrupt_leaves_nothing(prepared, tmp_path, capsys, monkeypatch):
+@pytest.mark.parametrize("error, status, words", [
+    (KeyboardInterrupt(), 130, "interrupted."), (UserError("The disk is full."), 2, "disk is full"),
+    (OSError(errno.EIO, "Input/output error", "x"), 2, "x: Input/output error."),
+    (ZeroDivisionError("x"), 1, "a fault of the program (ZeroDivisionError: x)")],
+    ids=["interrupt", "sentence", "system", "fault"])
+def test_what_was_measured_stays(error, status, words, prepared, measured, tmp_path, capsys,
+                                 monkeypatch):
+    """At the third frame something fails: all that was measured is on the disk by its name."""
+    out, count = tmp_path / "out", 0
+    draw = overlay.draw_frame
+
+    def failing(*arguments):
+        nonlocal count
+        count += 1
+        rows = table(out)
+        assert {row["frame"] for row in rows} == {str(number) for number in range(count)}
+        if count == 3:
+            raise error
+        return draw(*arguments)
+
+    monkeypatch.setattr(measurement, "draw_frame", failing)
+    assert cli.main(["run", prepared[0], "--calibration", prepared[1], "--engine", "model", "-o",
+                     out]) == status
+    message = capsys.readouterr().err
+    assert words in message and message.count("\n") == 1
+    assert message.endswith(f"The points of 3 of {len(frames_of(prepared[0]))} frames are in "
+                            f"{out / 'points.csv'}.\n")
+    assert table(out) == [row for row in table(measured) if int(row["frame"]) < 3]
+    assert sorted(path.name for path in out.iterdir()) == ["frames", "points.csv"]
+    assert {path.name for path in (out / "frames").iterdir()} == {"0000.png", "0001.png"}
+
+
+def test_a_failure_at_the_end_keeps_the_points(prepared, measured, tmp_path, capsys, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(outputs, "write_ply", interrupted)
-    assert model(prepared, frames_of(prepared[0])[0], tmp_path / "out") == 130
-    assert "interrupted" in capsys.readouterr().err and not list(tmp_path.iterdir())
+    monkeypatch.setattr(measurement, "print_report", interrupted)
+    assert model(prepared, prepared[0], tmp_path / "out") == 130
+    assert "interrupted. The points of 12 of 12 frames are in" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["points.csv"]
+    assert table(tmp_path / "out") == table(measured)
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_an_interrupt_before_the_first_frame_leaves_nothing(there, prepared, tmp_path, capsys,
+                                                            monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+        yield
+
+    monkeypatch.setattr(measure, "measure", interrupted)
+    out = tmp_path / "out"
+    if there:
+        out.mkdir()
+    assert model(prepared, prepared[0], out) == 130
+    assert capsys.readouterr().err == "cyclope: interrupted. Nothing was written.\n"
+    assert out.exists() == there and not list(tmp_path.rglob("*.*"))
+
+
+def test_a_disk_that_fills_up_is_named(prepared, tmp_path, capsys):
+    """The second frame's points do not fit any more: the file ends with a whole row."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, limits[1]))
+    try:
+        assert model(prepared, prepared[0], tmp_path / "out") == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    message = capsys.readouterr().err
+    assert "points.csv cannot be written: File too large. The points of 1 of 12 frames" in message
+    text = (tmp_path / "out" / "points.csv").read_text()
+    assert len(text) > 3900 and text.endswith("\n")
+    assert all(line.count(",") == 8 for line in text.splitlines())
 
 
 def test_without_compiler_the_other_engine_is_named(prepared, tmp_path, capsys, monkeypatch):

@@ -21,8 +21,8 @@ from scripts.results.accuracy import compare, load_points, load_truth
 from scripts.simulation.emulator import Emulator
 from scripts.simulation.instrument import Line
 from tb import hdlsim
-from tb.system.instrument_bench import same_frame
 from tb.system.stimuli import any_settings, spot_frame
+from tb.system.whole import same
 
 #: What the flattened netlist gives rise to, though no loop is in it.
 _FLATTENED = ("-Wno-CASEOVERLAP", "-Wno-UNOPTFLAT")
@@ -63,7 +63,7 @@ def test_fifty_pairs_against_truth(kind, seed, tmp_path, prepared):
     frames = {frame.index: frame for frame in frames}
     for number, (image, _) in enumerate(emulator.shown[:max(frames) + 1]):
         if number in frames:
-            assert same_frame(frames[number], model.frame(image)), f"frame {number}"
+            assert same(frames[number], model.frame(image)), f"frame {number}"
 
 
 @pytest.mark.parametrize("seed", [6])
@@ -73,12 +73,11 @@ def test_three_pairs_in_cocotb(request, seed, tmp_path):
     settings = any_settings(352, 288, config.beams, seed, area_min=5, report_rejected=False)
     images = [spot_frame(352, 288, 10 * seed + n, spots=49) for n in range(4)]
     texture = (np.add.outer(np.arange(288), np.arange(352)) % 256).astype(np.uint8)
-    case, answer, image_file = (tmp_path / name for name in ("case", "answer", "image.hex"))
-    image_file.touch()
+    case, answer, picture = (tmp_path / name for name in ("case", "answer", "picture.hex"))
+    picture.touch()
     case.write_bytes(pickle.dumps({
         "settings": settings, "width": 352, "height": 288, "beams": config.beams, "pairs": 4,
-        "images": images, "texture": texture, "image_file": str(image_file),
-        "line_blanking": 3}))
+        "images": images, "texture": texture, "picture": str(picture), "line_blanking": 3}))
     rig = (Path(__file__).parent / "instrument_rig.v").read_text()
     hdlsim.run(
         request, "instrument_rig", "tb.system.tb_instrument",
@@ -86,7 +85,7 @@ def test_three_pairs_in_cocotb(request, seed, tmp_path):
             "PIXEL_HALF_PS = 62500", "PIXEL_HALF_PS = 62611"),
             "instrument.v": to_fast_verilog(Instrument(config), "instrument")},
         build_args=("--timing", "-CFLAGS", "-std=c++20", *_FLATTENED),
-        plusargs=[f"+image={image_file}"],
+        plusargs=[f"+picture={picture}"],
         parameters={"case": str(case), "answer": str(answer)})
     got = pickle.loads(answer.read_bytes())
     decoder = Decoder(Rebuilder(settings, 352, 288))
@@ -96,7 +95,7 @@ def test_three_pairs_in_cocotb(request, seed, tmp_path):
     model = Model(settings, 352, 288, points_max=72)
     for number, (image, integrated_us, lit_us) in enumerate(got["shown"][:max(frames) + 1]):
         if integrated_us < 3000:
-            assert same_frame(frames[number], model.frame(image)), f"frame {number}"
+            assert same(frames[number], model.frame(image)), f"frame {number}"
             assert frames[number].laser == (lit_us > 0)
     assert sum(frame.laser for frame in frames.values()) >= 4
     assert sum(isinstance(event, TextureFrame) for event in events) >= 3

@@ -1,4 +1,4 @@
-"""The instrument for system benches: an imager that plays images, and a host that checks all."""
+"""The whole instrument for system benches: an imager that plays images, a host that keeps watch."""
 
 import numpy as np
 
@@ -12,14 +12,14 @@ from scripts.host.loading import signed
 from scripts.host.rebuild import Rebuilder
 from scripts.simulation.instrument import Instrument, Line
 
-__all__ = ["InstrumentBench", "same_frame"]
+__all__ = ["Whole", "same"]
 
-#: The laser guard's ceilings in microseconds, and what the driver adds to a pulse: it holds the
-#: light for some clocks after the pin's last edge.
+#: The laser guard's ceilings in microseconds, and what the driver adds to a pulse: it takes a while
+#: to notice that the pin stands still.
 PULSE_US, REPETITION_US, WINDOW_US, WINDOW_ON_US, HOLD_US = 1000, 20_000, 40_000, 1000, 0.5
 
 
-def same_frame(frame, wanted):
+def same(frame, wanted):
     """A decoded frame against the model's, every number of it."""
     status = wanted.points["status"]
     counts = [np.count_nonzero(status == code) for code in range(4)]
@@ -34,7 +34,7 @@ def same_frame(frame, wanted):
         wanted.learning) and np.array_equal(frame.points, listed) and frame.verified is True
 
 
-class InstrumentBench:
+class Whole:
     """An instrument with its host.
 
     Parameters
@@ -49,7 +49,7 @@ class InstrumentBench:
         What a texture frame shows.
     load : :class:`bool`
         Load and commit the tables.
-    remap_in_memory : :class:`bool`
+    places_in_memory : :class:`bool`
         Put the remap table into the external memory without sending most of it, to save time:
         only the packets with its first and its last word, and those whose number is a power of two.
     registers : :class:`int`
@@ -57,22 +57,22 @@ class InstrumentBench:
     """
 
     def __init__(self, config, settings, images, texture=None, load=True, line_blanking=0,
-                 remap_in_memory=False, **registers):
+                 places_in_memory=False, **registers):
         self.config, self.settings, self.images = config, settings, images
         blank = np.full((config.height, config.width), 40, np.uint8)
         self.texture = blank if texture is None else texture
         #: (image or None for a texture, microseconds integrated, microseconds lit) of every frame.
         self.shown = []
-        #: How many of them were taken during the last COMMIT.
-        self.shown_during_commit = 0
-        self.instrument = Instrument(config, self._image_of, line_blanking=line_blanking)
-        self._remap_in_memory = remap_in_memory
-        if remap_in_memory:
+        #: How many of them came during the last COMMIT.
+        self.shown_meanwhile = 0
+        self.instrument = Instrument(config, self._picture, line_blanking=line_blanking)
+        self._places_in_memory = places_in_memory
+        if places_in_memory:
             self.instrument.fill_memory(REMAP_BASE, pack_remap(settings.remap))
         self.line = Line(self.instrument, step_us=100)
         self.commands = Commands(self.line, timeout=120, patience=120)
         self.decoder = Decoder(Rebuilder(settings, config.width, config.height))
-        #: What the imager sees of an image, by the microseconds of light.
+        #: What is seen of an image that was lit for so many microseconds.
         self.light = lambda image, lit_us: image
         self.events = []
         self._decoded = 0
@@ -83,20 +83,19 @@ class InstrumentBench:
         for name, value in {**settings.registers(), **registers, "mode": mode}.items():
             self.commands.write(name, signed(name, value))
 
-    def load(self, settings, damage=None, unbanked=True):
+    def load(self, settings, damage=None, not_banked=True):
         """Load and commit tables; ``damage`` may change their words after the CRC was made.
 
-        Tables with one bank cannot be written while frames are taken: ``unbanked`` says whether to
-        load them.
+        Those that have one bank cannot be written while frames pass.
         """
         config, words = self.config, settings.tables()
         sent = damage(words) if damage else words
         self.commands.begin(config.width, config.height, config.beams)
         for table, first, some in self.commands.chunks(sent):
-            if not unbanked and not table.banked:
+            if not not_banked and not table.banked:
                 continue
-            if table == REMAP and self._remap_in_memory:
-                # Spoilt first, they are right again only if they arrive at the right addresses.
+            if table == REMAP and self._places_in_memory:
+                # Spoilt before, they are right again only if they come to where they belong.
                 last = first + len(some) - 1
                 if first and last != len(sent[table.name]) - 1 and (
                         (first - 1).bit_length() == last.bit_length()):
@@ -106,9 +105,9 @@ class InstrumentBench:
             self.commands.write_table(table, first, some)
         shown = len(self.shown)
         self.commands.commit(words)
-        self.shown_during_commit = len(self.shown) - shown
+        self.shown_meanwhile = len(self.shown) - shown
 
-    def _image_of(self, integrated_us, lit_us):
+    def _picture(self, integrated_us, lit_us):
         if integrated_us > 3000:
             self.shown.append((None, integrated_us, lit_us))
             return self.texture
@@ -118,14 +117,14 @@ class InstrumentBench:
         return image
 
     def run(self, microseconds):
-        """Let time pass; decode the octets that arrive."""
+        """Let time pass; decode what comes."""
         end = self.instrument.clocks + round(microseconds * self.config.clock_hz / 1e6)
         while self.instrument.clocks < end:
             self.line.read()
         self.take()
 
     def take(self):
-        """Decode the octets that arrived."""
+        """Decode what came."""
         self.events += self.decoder.events(self.line.record[self._decoded:])
         self._decoded = len(self.line.record)
 
@@ -145,14 +144,14 @@ class InstrumentBench:
         return [event for event in self.events if isinstance(event, TextureFrame)]
 
     def assert_link_is_clean(self):
-        """Nothing on the line but whole packets, with counts that add up."""
+        """Nothing on the line but whole packets of good numbers."""
         decoder = self.decoder
         assert not self.instrument.framing_errors
         assert (decoder.damaged, decoder.garbage, decoder.lost, decoder.unknown) == (0, 0, 0, 0)
         assert decoder.unbalanced == decoder.mismatched == 0
 
     def assert_frames_are_the_model_s(self, since=0):
-        """Every pattern frame that arrived, from this number on, is the model's of what was shown.
+        """Every pattern frame that came, from this number on, against the model of what was shown.
 
         Frames may be missing at the end, on their way.
         """
@@ -166,7 +165,7 @@ class InstrumentBench:
                 assert number not in frames and lit_us == 0
                 continue
             frame = frames[number]
-            assert same_frame(frame, model.frame(image)), f"frame {number}"
+            assert same(frame, model.frame(image)), f"frame {number}"
             assert frame.exposure_us == round(integrated_us) and frame.laser == (lit_us > 0)
 
     def assert_light_is_safe(self):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from .protocol import PRESET_NAMES
+from .protocol import MOST_BEAMS, PRESET_NAMES, SENSOR_PIXELS
 
 __all__ = ["Config", "FRAMES_IN_FLIGHT", "FRAME_US", "PRESETS", "check_config"]
 
@@ -67,7 +67,8 @@ class Config:
             raise ValueError(f"preset must be one of {', '.join(PRESET_NAMES)}, "
                              f"not {self.preset!r}")
         for name, low, high in [
-            ("width", 16, 512), ("height", 16, 512), ("beams", 1, 128), ("lanes", 1, self.beams),
+            ("width", *SENSOR_PIXELS), ("height", *SENSOR_PIXELS), ("beams", 1, MOST_BEAMS),
+            ("lanes", 1, self.beams),
             ("spot_depth", 8, 512), ("labels", 1, 32767), ("clock_hz", 1_000_000, 65_000_000),
             ("baud", 1200, self.clock_hz // 2), ("converter_interval", 2, 64),
             *([] if self.converter_latency is None else [("converter_latency", 1, 64)]),

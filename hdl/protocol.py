@@ -14,11 +14,16 @@ __all__ = [
     "PRESET_NAMES", "PROTOCOL_VERSION", "TABLE_VERSION", "WIRE_LIMIT", "GAP_CHARACTERS",
     "CONTENT_LIMIT", "COMPACT", "PacketKind", "Flag", "Command", "Reason", "Mode", "Register",
     "Field", "Table", "TABLES", "REMAP", "TRAILER_FIELDS", "TEXTURE_FIELDS", "IDENTITY_FIELDS",
-    "STATUS_FIELDS", "GUARD_CAUSES", "DISPLAY_FAULTS", "registers", "tables",
+    "STATUS_FIELDS", "GUARD_CAUSES", "GUARD_LIMITS_US", "DISPLAY_FAULTS", "SENSOR_PIXELS",
+    "MOST_BEAMS", "registers", "tables",
 ]
 
 #: The two designs, in the order of their codes in the reply to IDENTIFY.
 PRESET_NAMES = ("capsule", "paper")
+#: Least and largest width and height of a sensor.
+SENSOR_PIXELS = (16, 512)
+#: Beams of the largest mesh.
+MOST_BEAMS = 128
 #: Version of packets and commands.
 PROTOCOL_VERSION = 3
 #: Version of the formats of the tables; the calibration file's own number follows it.
@@ -277,6 +282,15 @@ GUARD_CAUSES = (
     "not_armed",  # light was requested without valid tables or capture
     "heartbeat",  # frames stopped arriving
 )
+
+#: The laser guard's limits in microseconds, which no register changes.
+GUARD_LIMITS_US = {
+    "pulse": 1000,  # a pulse lasts no longer
+    "repetition": 20_000,  # from the start of a pulse to that of the next, at least
+    "window": 40_000,  # any time as long as this ...
+    "window_on": 1000,  # ... holds no more light than this
+    "heartbeat": 60_000,  # from a whole frame to the next, at most
+}
 
 #: Reply to IDENTIFY.
 IDENTITY_FIELDS = (

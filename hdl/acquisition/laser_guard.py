@@ -4,7 +4,7 @@ from amaranth import *
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ..protocol import GUARD_CAUSES
+from ..protocol import GUARD_CAUSES, GUARD_LIMITS_US
 
 __all__ = ["LaserGuard"]
 
@@ -72,8 +72,10 @@ class LaserGuard(wiring.Component):
         anything else is missing.
     """
 
-    def __init__(self, clock_hz=16_000_000, pulse_us=1000, repetition_us=20_000, window_us=40_000,
-                 window_on_us=1000, heartbeat_us=60_000):
+    def __init__(self, clock_hz=16_000_000, pulse_us=GUARD_LIMITS_US["pulse"],
+                 repetition_us=GUARD_LIMITS_US["repetition"], window_us=GUARD_LIMITS_US["window"],
+                 window_on_us=GUARD_LIMITS_US["window_on"],
+                 heartbeat_us=GUARD_LIMITS_US["heartbeat"]):
         if not isinstance(clock_hz, int) or clock_hz <= 0 or clock_hz % 1_000_000:
             raise ValueError("The guard's clock must be a positive multiple of 1,000,000 Hz, "
                              f"not {clock_hz!r}")

@@ -12,13 +12,15 @@ __all__ = ["add_arguments", "main"]
 def add_arguments(parser):
     """Declare what ``cyclope emulate`` takes."""
     parser.description = (
-        "Put the Verilated instrument behind a pseudo-terminal, with a model of the imager that "
-        "looks at scenes through a simulated rig: what `cyclope load` and `cyclope receive` open "
-        "like a serial device. Ctrl-C ends it, and writes the truth of what was shown.")
+        "Put the Verilated instrument behind a pseudo-terminal, with a model of the imager that\n"
+        "looks at scenes through a simulated rig: what `cyclope load` and `cyclope receive` open\n"
+        "like a serial device. TRUTH gets the truth of each lit frame as it is shown; Ctrl-C\n"
+        "or SIGTERM ends it.")
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     from scripts.cyclope.simulate import KINDS, RIGS
     parser.add_argument("kind", metavar="KIND", choices=KINDS, help=f"one of {', '.join(KINDS)}")
-    parser.add_argument("output", type=Path, metavar="TRUTH", help="truth.csv to write")
+    parser.add_argument("output", type=Path, metavar="TRUTH",
+                        help="truth.csv to create; it must not be there yet")
     parser.add_argument("--rig", choices=RIGS, default="endoscope", help="default: endoscope")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of everything random")
     parser.add_argument("--scenes", type=int, default=12, metavar="N",
@@ -35,11 +37,26 @@ def main(arguments):
         raise UserError(f"{arguments.output} is there already: name another file, or delete it.")
     require("rtl", "`cyclope emulate`")
     from model.optics.rigs import RIGS
-    from scripts.simulation.emulator import Emulator
+    from scripts.results.row_file import RowFile
+    from scripts.simulation.emulator import TRUTH_HEADER, Emulator
     from scripts.simulation.terminal import Terminal
 
-    emulator = Emulator(arguments.kind, RIGS[arguments.rig], arguments.seed, arguments.scenes)
-    terminal = Terminal(emulator)
+    truth = RowFile(arguments.output, TRUTH_HEADER + "\n")
+
+    def record(rows):
+        truth.append("".join(f"{row}\n" for row in rows))
+        truth.flush()
+
+    try:
+        print(f"Preparing {arguments.scenes} scenes and the RTL, which takes a minute or two "
+              "the first time.", flush=True)
+        emulator = Emulator(arguments.kind, RIGS[arguments.rig], arguments.seed,
+                            arguments.scenes, record=record, keep=False)
+        terminal = Terminal(emulator)
+    except BaseException:
+        truth.close()
+        truth.path.unlink(missing_ok=True)
+        raise
     print(f"The instrument listens at {terminal.path}; Ctrl-C ends it.", flush=True)
     try:
         terminal.serve()
@@ -47,6 +64,7 @@ def main(arguments):
         pass
     finally:
         terminal.close()
-    arguments.output.write_text("\n".join(emulator.truth()) + "\n")
-    print(f"{len(emulator.shown)} frames were shown; their truth is in {arguments.output}")
+        truth.close()
+    print(f"{emulator.count} frames were shown; the truth of the lit ones is in "
+          f"{arguments.output}")
     return 0

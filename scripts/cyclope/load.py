@@ -1,19 +1,25 @@
 """``cyclope load``: the calibration into the chip, and how it is to run."""
 
+import shlex
 from pathlib import Path
 
 from hdl.protocol import Mode
 from model.errors import UserError
-from scripts.host.chip import REGISTERS, Commands, check_chip
-from scripts.host.loading import load, signed, stop, wait_until, write_registers
+from scripts.cyclope.program import pasteable
+from scripts.host.chip import REGISTERS
+from scripts.host.commands import Commands
+from scripts.host.load_plan import LoadPlan
+from scripts.host.loading import signed
 from scripts.host.port import add_port_arguments, open_port
+from scripts.host.status import find_faults, laser
 
 __all__ = ["add_arguments", "main"]
 
 #: Mode, register ``pattern_as_texture`` and meaning.
 _MODES = {"start": (Mode.CONTINUOUS, 0, "run: pattern, texture, pattern, ..."),
           "stop": (Mode.STOP, 0, "stop, the laser is off"),
-          "single": (Mode.SINGLE, 0, "one pair of pattern and texture, then stop"),
+          "single": (Mode.SINGLE, 0, "one pair of pattern and texture, then stop; `cyclope "
+                                     "receive PORT --single` takes a pair and receives it"),
           "pattern-only": (Mode.PATTERN, 0, "run, pattern frames only"),
           "pattern-images": (Mode.PATTERN, 1, "run, pattern frames only, and send them as images, "
                                               "without points: for a calibration")}
@@ -26,9 +32,12 @@ def add_arguments(parser):
     """Declare what ``cyclope load`` takes."""
     parser.description = (
         "Load the tables and registers of a calibration into the chip, read them back, have the "
-        "chip check them, and say how it is to run. Without a calibration only the rest is done.")
-    parser.epilog = ("Without one of the modes the chip goes on as it was. Registers change "
-                     "together, at the start of a pattern frame.")
+        "chip check them, and set how it runs. Without a calibration only the rest is done.")
+    parser.epilog = (
+        "Without one of the modes the chip stays in the one it was in. Registers take effect "
+        "together, at the start of a pattern frame. Times that trip the laser guard are refused. "
+        "The exit status is 3 if all was done, but the chip runs without light, without a sensor "
+        "or with a laser guard that has tripped.")
     parser.add_argument("port", metavar="PORT", help="serial device, such as /dev/ttyUSB0")
     parser.add_argument("calibration", nargs="?", type=Path, metavar="FILE",
                         help="calibration.json from `cyclope calibrate`")
@@ -43,12 +52,13 @@ def add_arguments(parser):
     parser.add_argument("--capture-ms", type=int, metavar="MS",
                         help="calibration capture: allow the laser without valid tables, for so "
                              "many milliseconds; 0 ends it")
-    parser.add_argument("--clear", action="store_true", help="forget the laser guard's causes")
+    parser.add_argument("--clear", action="store_true",
+                        help="clear the causes that the laser guard holds")
     add_port_arguments(parser)
 
 
 def _chosen(arguments):
-    """Registers from the command line, checked."""
+    """Registers of the command line, checked."""
     chosen = {name: getattr(arguments, name) for name in _TIMES
               if getattr(arguments, name) is not None}
     for words in arguments.register:
@@ -58,17 +68,18 @@ def _chosen(arguments):
                 raise ValueError
             chosen[name] = int(value, 0)
         except ValueError:
-            raise UserError(f"--register takes NAME=VALUE with a whole number, not {words!r}."
-                            ) from None
+            raise UserError("--register takes NAME=VALUE with a whole number, not "
+                            f"{words[:40]!r}.") from None
     for name, value in chosen.items():
         if name not in REGISTERS:
-            raise UserError(f"There is no register {name!r}; there are: {', '.join(REGISTERS)}.")
+            raise UserError(f"There is no register {name[:40]!r}; there are: "
+                            f"{', '.join(REGISTERS)}.")
         register = REGISTERS[name]
         half = 1 << register.bits - 1
         low, high = (-half, half - 1) if register.signed else (register.low, 2 * half - 1)
         high = high if register.high is None else register.high
         if not low <= value <= high:
-            raise UserError(f"{name} must be {low} to {high}, not {value}.")
+            raise UserError(f"{name} must be {low} to {high}, not {str(value)[:40]}.")
     if "mode" in chosen or "pattern_as_texture" in chosen:
         raise UserError(f"Choose the mode by one of --{', --'.join(_MODES)}.")
     if "divisor" in chosen:
@@ -79,8 +90,26 @@ def _chosen(arguments):
     return chosen
 
 
-def _bar(console):
+def _again(arguments):
+    """The command line, for the shell."""
+    words = ["load", arguments.port, *([] if arguments.calibration is None
+                                       else [arguments.calibration])]
+    words += [f"--{arguments.mode or 'start'}"]
+    for name in _TIMES:
+        if getattr(arguments, name) is not None:
+            words += ["--" + name.replace("_", "-"), getattr(arguments, name)]
+    for register in arguments.register:
+        words += ["--register", register]
+    if arguments.capture_ms is not None:
+        words += ["--capture-ms", arguments.capture_ms]
+    return "cyclope " + shlex.join(map(str, words)) + " --clear" * arguments.clear
+
+
+def _bar():
+    """A progress bar, where there is a terminal for it."""
     from rich import progress
+    from rich.console import Console
+    console = Console(stderr=True)
     return progress.Progress(
         progress.TextColumn("{task.description}"), progress.BarColumn(),
         progress.MofNCompleteColumn(), progress.TimeRemainingColumn(),
@@ -89,63 +118,63 @@ def _bar(console):
 
 def main(arguments):
     """Load with parsed arguments; gives the exit status."""
-    from rich.console import Console
-
-    from scripts.host.status import laser
     chosen = _chosen(arguments)
-    mode, pictures, _ = _MODES.get(arguments.mode, (None, None, None))
+    mode, pattern_as_texture, _ = _MODES.get(arguments.mode, (None, None, None))
     calibration = None
     if arguments.calibration is not None:
-        pictures = pictures or 0
+        pattern_as_texture = pattern_as_texture or 0
         from calibration import file
         calibration = file.load(arguments.calibration)
         chosen = {**{name: signed(name, value)
                      for name, value in calibration.settings.registers().items()}, **chosen}
+    plan = LoadPlan(calibration, chosen, mode, pattern_as_texture, arguments.clear,
+                    arguments.capture_ms)
     with open_port(arguments.port, arguments.baud, arguments.rtscts) as port:
         commands = Commands(port)
-        identity = commands.identify()
-        before = commands.status()["state"]
-        if calibration is not None:
-            check_chip(identity, calibration)
-            mode = before.mode if mode is None else mode
-            with _bar(Console(stderr=True)) as progress:
-                task = progress.add_task("stopping", total=None)
-                stop(commands)
-                progress.update(task, description="loading and reading back")
-                load(commands, calibration, lambda done, total: progress.update(
+        try:
+            for reason in plan.check(commands):
+                print(f"! the laser guard may trip: {reason}.")
+            with _bar() as bar:
+                task = bar.add_task("loading and reading back", total=None,
+                                    visible=calibration is not None)
+                plan.carry_out(commands, lambda done, total: bar.update(
                     task, completed=done, total=total))
-        elif mode == Mode.STOP:
-            stop(commands)
-        write_registers(commands, chosen)
-        if arguments.clear:
-            commands.clear()
-        if arguments.capture_ms is not None:
-            commands.capture(arguments.capture_ms)
-        if pictures is not None and commands.read("pattern_as_texture") != pictures:
-            commands.write("pattern_as_texture", pictures)
-        if mode is not None:
-            commands.write("mode", mode)
-        # A set of tables is taken at a frame's start; a chip that stands still may have none.
-        status = wait_until(
-            commands, lambda state: not state.committing and (
-                mode in (None, Mode.SINGLE) or state.mode == mode) and (
-                mode in (None, Mode.STOP) or state.armed), 3.0)
-        pictures = commands.read("pattern_as_texture")
+            status = plan.settle(commands)
+            as_images = commands.read("pattern_as_texture")
+        except (UserError, KeyboardInterrupt) as error:
+            if plan.began or isinstance(error, KeyboardInterrupt):
+                error.add_note(plan.describe(port, _again(arguments)))
+            raise
+    return _report(plan, status, as_images)
+
+
+def _report(plan, status, as_images):
+    """Print what was done; gives the exit status."""
     state = status["state"]
-    if calibration is not None:
-        words = calibration.settings.tables()
+    if plan.calibration is not None:
+        words = plan.calibration.settings.tables()
         print(f"loaded and read back: {len(words)} tables, {sum(map(len, words.values()))} words, "
-              f"{len(chosen)} registers")
-    elif chosen:
+              f"{len(plan.chosen)} registers")
+    elif plan.chosen:
         print("written and read back: " + ", ".join(
-            f"{name} = {value}" for name, value in chosen.items()))
+            f"{name} = {value}" for name, value in plan.chosen.items()))
     tables = ("loaded, they are taken at the next frame's start" if state.committing
               else "valid" if state.tables_valid else "none that are valid")
     print(f"tables: {tables}")
     print(f"laser: {laser(status)}")
-    print(f"mode: {_mode(state)}" + (
-        ", as pictures" if pictures and state.mode == Mode.PATTERN else ""))
-    return 0
+    print(pasteable(f"mode: {_mode(state)}") + (
+        ", as images" if as_images and state.mode == Mode.PATTERN else ""))
+    if plan.mode == Mode.SINGLE:
+        print(pasteable("! the pair is sent while this command has the port: `cyclope receive PORT "
+                        "--single` takes another one and receives it."))
+    faults = find_faults(status)
+    if plan.mode == Mode.SINGLE and not (state.tables_valid or state.capture):
+        faults.append("the pair is dark: there are no valid tables.")
+    if plan.mode not in (None, Mode.SINGLE, state.mode):
+        faults.insert(0, "the chip is not in the mode that it was told to take.")
+    for fault in faults:
+        print(pasteable(f"! {fault}"))
+    return 3 if faults else 0
 
 
 def _mode(state):

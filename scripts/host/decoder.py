@@ -20,6 +20,8 @@ _TEXTURE_OCTETS = sum(field.bits for field in TEXTURE_FIELDS) // 8
 _TRAILER_OCTETS = sum(field.bits for field in TRAILER_FIELDS) // 8
 #: Frames that may come after a later one, and how late, in microseconds.
 _LATE_FRAMES, _LATE_US = 16, 2_000_000
+#: Points of a frame, at most: the counts of the trailer have 16 bits.
+_MOST_POINTS = 1 << 16
 
 
 class Decoder:
@@ -41,8 +43,8 @@ class Decoder:
     unknown : :class:`int`
         Packets of a kind or a length that is not known here.
     lost : :class:`int`
-        Packets that are missing between accepted ones, as their numbers tell; damaged ones are
-        among them.
+        Packets that are missing between accepted ones by their sequence numbers, damaged ones
+        included.
     unbalanced : :class:`int`
         Frames whose counts do not add up.
     mismatched : :class:`int`
@@ -58,6 +60,7 @@ class Decoder:
         self._timestamp = None
         self._counters = (0, 0)
         self._frame_lost = 0
+        self._frames = 0
         self._forget()
 
     @property
@@ -84,10 +87,20 @@ class Decoder:
 
         :class:`Frame`, :class:`TextureFrame`, :class:`TexturePiece` or :class:`Reply` each.
         """
-        events = []
-        for content in self._deframer.feed(octets):
+        return [event for _, events in self.packets_of(octets) for event in events]
+
+    def packets_of(self, octets):
+        """Yield, for each packet that ends in ``octets``, where, and a list of what it completes.
+
+        Yields
+        ------
+        (:class:`int`, list)
+            How many of ``octets`` end with the packet; events as of :meth:`events`.
+        """
+        for end, content in self._deframer.packets(octets):
+            events = []
             self._packet(content, events)
-        return events
+            yield end, events
 
     def finish(self):
         """What is left of a frame whose last packet did not come, in a list."""
@@ -189,7 +202,7 @@ class Decoder:
 
     def _more(self, low, points, compact, events):
         """Points of the frame whose number ends in ``low``."""
-        if low != self._low:
+        if low != self._low or len(self._pieces) > _MOST_POINTS:
             self._close(events)
             self._low, self._is_compact = low, compact
         self._pieces += points
@@ -215,6 +228,10 @@ class Decoder:
         values = {**values, "points": points, "compact": compact, "lost": lost,
                   "bad_sync": bad_sync, "overrun": overrun}
         frame = Frame(**values)
+        if not self._frames and not self.lost and not frame.complete:
+            values["joined"] = True
+            frame = Frame(**values)
+        self._frames += 1
         if trailer is not None:
             self.unbalanced += not frame.balanced
             ok = points[points["status"] == 0]

@@ -10,6 +10,7 @@ __all__ = ["load", "signed", "stop", "wait_until", "write_registers"]
 
 
 def signed(name, value):
+    """The value that the bits ``value`` of a register stand for."""
     register = REGISTERS[name]
     return value - (1 << register.bits) if (
         register.signed and value >> register.bits - 1) else value
@@ -53,12 +54,12 @@ def load(commands, calibration, progress=None):
 
     Parameters
     ----------
-    commands : :class:`scripts.host.chip.Commands`
+    commands : :class:`scripts.host.commands.Commands`
         The chip.
     calibration : :class:`calibration.file.Calibration`
         What to load.
     progress : callable or None
-        Told the words done and the words in all.
+        Called with the words done and the words in all.
     """
     words = calibration.settings.tables()
     total, done = 2 * sum(map(len, words.values())) - len(words.get(REMAP.name, ())), 0
@@ -78,8 +79,7 @@ def load(commands, calibration, progress=None):
             continue
         got = commands.read_table(table, first, len(some))
         if got != some:
-            wrong = next((at for at, (a, b) in enumerate(zip(got, some, strict=False)) if a != b),
-                         min(len(got), len(some)))
+            wrong = next(at for at, (a, b) in enumerate(zip(got, some, strict=True)) if a != b)
             raise UserError(f"The table {table.name} reads back other than it was written, from "
                             f"word {first + wrong} on: load again; if it stays so, the chip is at "
                             "fault.")

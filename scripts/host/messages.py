@@ -1,4 +1,4 @@
-"""What packets from the chip tell, each in a class of its own."""
+"""What packets from the chip contain, each in a class of its own."""
 
 from dataclasses import dataclass, field
 
@@ -85,10 +85,12 @@ class Frame(_Flags):
     lost : :class:`int`
         Packets that are missing since the pattern frame before.
     summarised : :class:`bool`
-        False if the frame's trailer was lost: the counts are then those of ``points``, and what
-        else the trailer would have told is zero.
+        False if the frame's trailer was lost: the counts are then those of ``points``, and all
+        other fields of the trailer are zero.
     bad_sync, overrun : :class:`int`
-        The camera's counters, which stop at 255, as the last texture frame told them.
+        The camera's counters, which stop at 255, as of the last texture frame.
+    joined : :class:`bool`
+        The decoder started in the middle of this frame, so that its first packets are missing.
     """
 
     number: int
@@ -113,6 +115,7 @@ class Frame(_Flags):
     summarised: bool = True
     bad_sync: int = 0
     overrun: int = 0
+    joined: bool = False
 
     @property
     def balanced(self):
@@ -175,15 +178,15 @@ def fields_of(octets, fields, wide=()):
     Parameters
     ----------
     octets : :class:`bytes`
-        Where they stand.
+        Those of the fields, without gaps.
     fields : iterable of :class:`hdl.protocol.Field`
         Which they are.
     wide : collection of :class:`str`
         Names of fields that have 16 bits here.
     """
-    values, place = {}, 0
+    values, begin = {}, 0
     for each in fields:
-        end = place + (2 if each.name in wide else each.bits // 8)
-        values[each.name] = int.from_bytes(octets[place:end], "little")
-        place = end
+        end = begin + (2 if each.name in wide else each.bits // 8)
+        values[each.name] = int.from_bytes(octets[begin:end], "little")
+        begin = end
     return values

@@ -55,13 +55,13 @@ class Port:
         self._guarded(lambda: self._device.write(octets))
 
     def _guarded(self, work):
-
         import serial
         try:
             return work()
         except serial.SerialTimeoutException as error:
-            raise UserError(f"{self.name} takes no octets: with --rtscts, is CTS wired?"
-                            ) from error
+            hint = (": is CTS wired?" if getattr(self._device, "rtscts", False)
+                    else ": does anything read at its other end?")
+            raise UserError(f"{self.name} takes no octets{hint}") from error
         except (OSError, TypeError, termios.error) as error:
             # pyserial raises TypeError when another thread closed the device under a read.
             raise VanishedError(f"{self.name} is gone.") from error
@@ -97,9 +97,10 @@ def open_port(name, baud=BAUD, rtscts=False):
     UserError
         If it cannot be opened.
     """
-
     import serial
     name = str(name)
+    if baud < 1:
+        raise UserError(f"--baud must be 1 or more, not {baud}.")
     if "://" not in name and os.name == "posix" and os.path.exists(name) and not stat.S_ISCHR(
             os.stat(name).st_mode):
         raise UserError(f"{name} is not a serial device.")
@@ -113,4 +114,8 @@ def open_port(name, baud=BAUD, rtscts=False):
         raise UserError(f"{name} cannot be opened at {baud} baud: {error}.") from error
     except OSError as error:
         raise UserError(_reason(error, name)) from error
+    except Exception as error:  # pyserial does not say what its URLs raise
+        if "://" not in name:
+            raise
+        raise UserError(f"{name} cannot be opened: {error}.") from error
     return Port(device, name)

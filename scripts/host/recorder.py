@@ -1,113 +1,53 @@
 """What ``cyclope receive`` writes: it depends on the octets of the link alone."""
 
-import shutil
-from contextlib import ExitStack
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 
 from hdl.protocol import Command, Reason
 from model.errors import UserError
-from scripts.host.chip import check_chip, parse_identity
+from scripts.host.chip import check_chip, parse_identity, parse_status
+from scripts.host.image_assembly import ImageAssembly
 from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
-from scripts.results.outputs import CSV_HEADER, csv_line, ply_header, ply_line
+from scripts.results.cloud import PointCloud
+from scripts.results.outputs import CSV_HEADER, csv_line, whole_file
 from scripts.results.points import DUPLICATE, POINT, STATUS, find_duplicates, locate
+from scripts.results.row_file import RowFile
 
-__all__ = ["MISMATCH", "NO_CALIBRATION", "Recorder", "Texture"]
+__all__ = ["MISMATCH", "NO_CALIBRATION", "Recorder"]
 
 MISMATCH = ("the calibration is not the one in the chip, or the chip's depth unit is at fault: "
             "load it again with `cyclope load`")
 NO_CALIBRATION = ("The points come in their compact form, which needs the calibration that the "
                   "chip was loaded with: add --calibration calibration.json, or have the chip "
                   "send records (`cyclope load PORT --register full_records=1`).")
-#: Points of frames whose check failed get this word instead of ok, and no place.
+#: Points of frames whose check failed get this word instead of ok, and no coordinates.
 _NAMES = (*STATUS, "unverified")
-_UNVERIFIED = len(STATUS)
+_OK, _UNVERIFIED = STATUS.index("ok"), len(STATUS)
 _LSB_PX = 1 / 512
-_LARGEST = 512
-_CLOUD = "points.ply.part"
 _COUNTED = ("level", "skipped", "spots", "ok", "noise", "ambiguous", "rejected", "dropped",
             "unlisted")
 _FLAGS = ("learning", "broken", "capture", "tripped", "tables_valid")
 _FRAMES_HEADER = ("number,kind,laser,exposure_us,timestamp_us," + ",".join(_COUNTED)
-                  + ",check,flags,lost_packets,bad_sync,overrun\n")
+                  + ",check,flags,lost_packets,bad_sync,overrun,duplicate\n")
 _CHECK = {True: "ok", False: "failed", None: ""}
-
-
-#: Texture frames of which is remembered whether they were lit, and pieces that wait for that.
+#: Texture frames of which is remembered whether they were lit, and fragments that wait for that.
 _REMEMBERED = 64
 
 
-class Texture:
-    """The picture that texture pieces add up to.
-
-    Parameters
-    ----------
-    size : tuple of two :class:`int` or None
-        Width and height; None if they are not known yet: the picture is then as large as what
-        came, and never whole.
-
-    Attributes
-    ----------
-    image : 2-D ``uint8`` array
-        The last state; black where nothing came yet.
-    outside : :class:`int`
-        Pieces that do not lie on the sensor.
-    """
-
-    def __init__(self, size=None):
-        self.size, self.outside = size, 0
-        width, height = size or (0, 0)
-        self.image = np.zeros((height, width), np.uint8)
-        self._fresh = np.zeros((height, width), bool)
-        self._came = np.zeros((height, width), bool)
-
-    @property
-    def part(self):
-        """Part of the picture that ever came, 0 to 1."""
-        return float(self._came.mean()) if self._came.size else 0.0
-
-    @property
-    def fresh(self):
-        """Part of the picture that came since it was whole for the last time, 0 to 1."""
-        return float(self._fresh.mean()) if self._fresh.size else 0.0
-
-    def resize(self, size):
-        """Take the size, which was not known."""
-        width, height = size
-        grown = Texture(size)
-        rows, columns = min(height, len(self.image)), min(width, self.image.shape[1])
-        for mine, new in ((self.image, grown.image), (self._fresh, grown._fresh),
-                          (self._came, grown._came)):
-            new[:rows, :columns] = mine[:rows, :columns]
-        self.size, self.image = size, grown.image
-        self._fresh, self._came = grown._fresh, grown._came
-
-    def add(self, piece):
-        """Put a piece in its place; whether the whole picture has been refreshed with it."""
-        end = piece.column + len(piece.pixels)
-        width, height = self.size or (_LARGEST, _LARGEST)
-        if piece.row >= height or end > width:
-            self.outside += 1
-            return False
-        if self.size is None and (piece.row >= len(self.image) or end > self.image.shape[1]):
-            self.resize((max(end, self.image.shape[1]), max(piece.row + 1, len(self.image))))
-            self.size = None
-        self.image[piece.row, piece.column:end] = piece.pixels
-        self._fresh[piece.row, piece.column:end] = True
-        self._came[piece.row, piece.column:end] = True
-        if self.size is None or not self._fresh.all():
-            return False
-        self._fresh[:] = False
-        return True
-
-
 class Recorder:
-    """Writes tables, points and textures into a folder as events come; a context manager.
+    """Writes tables, points and images into a folder as events come; a context manager.
+
+    ``points.csv`` and ``frames.csv`` grow with each :meth:`flush`, and so do the folders of
+    complete images; ``points.ply`` and the last state of the images come with :meth:`finish`.
+
+    A frame in whose middle the recording starts is left out.
 
     Parameters
     ----------
     folder : path
-        Exists and is empty.
+        Exists.
     calibration : :class:`calibration.file.Calibration` or None
         What the chip was loaded with.
     last_only : :class:`bool`
@@ -116,39 +56,53 @@ class Recorder:
     Attributes
     ----------
     frames, points, unverified : :class:`int`
-        Pattern frames; points with a beam; frames whose check failed.
-    pictures : dict of :class:`Texture` by :class:`str`
+        Pattern frames; ok points with a beam; frames whose check failed.
+    verified, lit, tabled, tripped : :class:`int`
+        Pattern frames with points whose check is right; with the laser on; with valid tables in
+        the chip; frames of either kind for which the laser guard held a cause.
+    reported : :class:`int`
+        Ok points as the chip sent them.
+    images : dict of :class:`scripts.host.image_assembly.ImageAssembly` by :class:`str`
         What came of ``texture``, exposed without the laser, and of ``pattern``, with it.
-    whole : dict of :class:`int` by :class:`str`
-        How often each was refreshed as a whole.
+    complete : dict of :class:`int` by :class:`str`
+        How often each was refreshed completely.
+    seen : set of :class:`str`
+        Images of which something came.
+    orphans : :class:`int`
+        Fragments of images whose frame was never announced.
     last : :class:`scripts.host.messages.Frame` or None
         The last pattern frame.
-    identity : :class:`dict` or None
-        What the chip said it is.
+    identity, status : :class:`dict` or None
+        What the chip replied to IDENTIFY, and last to STATUS.
+    written : set of :class:`~pathlib.Path`
+        Files and folders that were created.
     """
 
     def __init__(self, folder, calibration=None, last_only=False):
-        self.folder, self.calibration, self.last_only = folder, calibration, last_only
+        self.folder, self.calibration, self.last_only = Path(folder), calibration, last_only
         self.frames = self.points = self.unverified = 0
-        self.last = self.identity = None
+        self.verified = self.lit = self.tabled = self.tripped = self.reported = 0
+        self.last = self.identity = self.status = None
         size = calibration and (calibration.width, calibration.height)
-        self.pictures = {kind: Texture(size) for kind in ("texture", "pattern")}
-        self.whole = dict.fromkeys(self.pictures, 0)
-        self.seen = set()  # pictures of which something came
+        self.images = {kind: ImageAssembly(size) for kind in ("texture", "pattern")}
+        self.complete = dict.fromkeys(self.images, 0)
+        self.seen = set()
+        self.orphans = 0
         self._lit = {}  # of the last texture frames, by index
-        self._early = []  # pieces that came before what tells of their frame
-        self.unplaced = 0  # those of which it did not come
+        self._early = []  # fragments that came before their frame was announced
         self._trusted = False  # the last check that could be made was right
-        self._placed = 0
-        self._files = ExitStack()
-        self._points, self._frames, self._cloud = (
-            self._files.enter_context((folder / name).open("w+", newline="\n"))
-            for name in ("points.csv", "frames.csv", _CLOUD))
-        self._points.write(CSV_HEADER + "\n")
-        self._frames.write(_FRAMES_HEADER)
+        self.written = set()
+        try:
+            self._points = self._table("points.csv", CSV_HEADER + "\n")
+            self._frames = self._table("frames.csv", _FRAMES_HEADER)
+            self._cloud = PointCloud(self.folder, size or (0, 0))
+        except BaseException:
+            for path in self.written:
+                path.unlink()
+            raise
 
     def take(self, event):
-        """Write what an event of the decoder tells.
+        """Write what an event of the decoder contains.
 
         Raises
         ------
@@ -156,113 +110,141 @@ class Recorder:
             If the points cannot be understood, or the calibration is of another sensor.
         """
         if isinstance(event, Frame):
-            self._frame(event)
+            if not event.joined:
+                self._frame(event)
         elif isinstance(event, TextureFrame):
+            self.tripped += event.tripped
             self._lit[event.index] = event.laser
             if len(self._lit) > _REMEMBERED:
                 del self._lit[min(self._lit)]
-            self._place_early()
+            self._add_early()
             self._row(event, "texture", [str(event.skipped) if name == "skipped" else ""
-                                         for name in _COUNTED], "", "")
+                                         for name in _COUNTED], "", "", "")
         elif isinstance(event, TexturePiece):
             self._early.append(event)
             if event.index in self._lit or len(self._early) > _REMEMBERED:
-                self._place_early()
+                self._add_early()
         elif isinstance(event, Reply):
             self._reply(event)
 
+    def flush(self):
+        """Write all rows."""
+        self._points.flush()
+        self._frames.flush()
+
     def finish(self):
         """Complete all files."""
-        self._place_early()
-        for kind in self.seen:
-            self._picture(kind, self.folder / f"{kind}.png")
-        with open(self.folder / "points.ply", "w", newline="\n") as file:
-            file.write(ply_header(self._placed, "frames from the link"))
-            self._cloud.seek(0)
-            shutil.copyfileobj(self._cloud, file)
-        self._files.close()
-        (self.folder / _CLOUD).unlink()
+        self._add_early()
+        self.flush()
+        for kind in sorted(self.seen):
+            self._write_image(kind, self.folder / f"{kind}.png")
+        self._cloud.write(self.folder / "points.ply", self.images["texture"])
+        self.written.add(self.folder / "points.ply")
+
+    def close(self):
+        """Flush the tables, and write no more."""
+        try:
+            self._points.close()
+        finally:
+            self._frames.close()
+            self._cloud.close()
 
     def __enter__(self):
         return self
 
     def __exit__(self, *details):
-        self._files.close()
+        self.close()
 
-    def _place_early(self):
-        """Pieces go to the picture of their frame's kind; they will come again if it is unknown."""
-        for piece in self._early:
-            if piece.index in self._lit:
-                self._piece(piece, self._lit[piece.index])
+    def _table(self, name, header):
+        table = RowFile(self.folder / name, header)
+        self.written.add(table.path)
+        return table
+
+    def _add_early(self):
+        """Give fragments to the image of their frame's kind; unknown ones will come again."""
+        for fragment in self._early:
+            if fragment.index in self._lit:
+                self._add(fragment, "pattern" if self._lit[fragment.index] else "texture")
             else:
-                self.unplaced += 1
+                self.orphans += 1
         self._early = []
 
-    def _piece(self, piece, lit):
-        kind = "pattern" if lit else "texture"
-        self.seen.add(kind)
-        if self.pictures[kind].add(piece):
-            (self.folder / kind).mkdir(exist_ok=True)
-            self._picture(kind, self.folder / kind / f"{piece.index:04}.png")
-            self.whole[kind] += 1
+    def _add(self, fragment, kind):
+        image = self.images[kind]
+        outside = image.outside
+        complete = image.add(fragment)
+        if image.outside == outside:
+            self.seen.add(kind)
+        if complete:
+            folder = self.folder / kind
+            if folder not in self.written:
+                folder.mkdir()
+                self.written.add(folder)
+            self._write_image(kind, folder / f"{fragment.index:04}.png")
+            self.complete[kind] += 1
 
-    def _picture(self, kind, path):
+    def _write_image(self, kind, path):
         import cv2
         done, data = cv2.imencode(
-            ".png", self.pictures[kind].image, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+            ".png", self.images[kind].image, [cv2.IMWRITE_PNG_COMPRESSION, 3])
         assert done
-        path.write_bytes(data.tobytes())
+        with whole_file(path) as file:
+            file.write(data.tobytes())
+        self.written.add(path)
 
-    def _row(self, event, kind, counts, check, lost):
+    def _row(self, event, kind, counts, check, lost, duplicates):
         flags = " ".join(name for name in _FLAGS if getattr(event, name))
-        self._frames.write(",".join([
+        self._frames.append(",".join([
             str(event.index), kind, "on" if event.laser else "off", str(event.exposure_us),
             str(event.timestamp_us), *counts, check, flags, lost, str(event.bad_sync),
-            str(event.overrun)]) + "\n")
+            str(event.overrun), duplicates]) + "\n")
 
     def _frame(self, frame):
         self.frames += 1
         self.last = frame
+        self.lit += frame.laser
+        self.tabled += frame.tables_valid
+        self.tripped += frame.tripped
         if frame.verified is not None:
             self._trusted = frame.verified and (self._trusted or frame.ok > 0)
             self.unverified += not frame.verified
-        if frame.compact and len(frame.points) and self.calibration is None and (
-                frame.points["status"] == 0).any():
+            self.verified += frame.verified and frame.ok > 0
+        reported = int(np.count_nonzero(frame.points["status"] == _OK))
+        self.reported += reported
+        if frame.compact and reported and self.calibration is None:
             raise UserError(NO_CALIBRATION)
+        points = self._located(frame)
+        duplicates = str(np.count_nonzero(points["status"] == DUPLICATE))
         if frame.summarised:
             self._row(frame, "pattern", [str(getattr(frame, name)) for name in _COUNTED],
-                      _CHECK[frame.verified], str(frame.lost))
+                      _CHECK[frame.verified], str(frame.lost), duplicates)
         else:
             # Laser, exposure and time were in the packet that is missing.
             blank = [""] * (3 + len(_COUNTED) + 1)
-            self._frames.write(",".join(
-                [str(frame.index), "pattern", *blank, "incomplete", str(frame.lost), "", ""])
-                + "\n")
-        points = self._located(frame)
+            self._frames.append(",".join([
+                str(frame.index), "pattern", *blank, "incomplete", str(frame.lost), "", "",
+                duplicates]) + "\n")
         for point in points:
-            self._points.write(csv_line(point, _NAMES))
-        self.points += int(np.count_nonzero(points["status"] == STATUS.index("ok")))
-        placed = points[~np.isnan(points["z"])]
-        if self.last_only and len(placed):
-            self._cloud.seek(0)
-            self._cloud.truncate()
-            self._placed = 0
-        for point in placed:
-            self._cloud.write(ply_line(point))
-        self._placed += len(placed)
+            self._points.append(csv_line(point, _NAMES))
+        self.points += int(np.count_nonzero(points["status"] == _OK))
+        located = points[~np.isnan(points["z"])]
+        if self.last_only and len(located):
+            self._cloud.clear()
+        self._cloud.add(located)
 
     def _located(self, frame):
         reported = frame.points.copy()
         if not self._trusted:
-            reported["status"][reported["status"] == 0] = _UNVERIFIED
+            reported["status"][reported["status"] == _OK] = _UNVERIFIED
         if self.calibration is not None:
-            return locate(
-                reported, frame.index, self.calibration, self.pictures["texture"].image)
+            # The texture comes later and in parts: the cloud takes intensities from it at the end.
+            return locate(reported, frame.index, self.calibration, np.zeros((1, 1), np.uint8))
         points = np.zeros(len(reported), POINT)
         points["frame"] = frame.index
         for name in ("status", "area"):
             points[name] = reported[name]
-        points["beam"] = np.where(points["status"] == 0, np.asarray(reported["beam"], np.int16), -1)
+        points["beam"] = np.where(
+            points["status"] == _OK, np.asarray(reported["beam"], np.int16), -1)
         points["status"][find_duplicates(reported)] = DUPLICATE
         for name in "uv":
             points[name] = np.asarray(reported[name], float) * _LSB_PX
@@ -271,12 +253,16 @@ class Recorder:
         return points
 
     def _reply(self, reply):
-        if (reply.command, reply.reason) != (Command.IDENTIFY, Reason.OK):
+        if reply.reason != Reason.OK:
             return
-        self.identity = parse_identity(reply.data)
-        if self.calibration is not None:
-            check_chip(self.identity, self.calibration)
-            return
-        for picture in self.pictures.values():
-            if picture.size is None:
-                picture.resize((self.identity["width"], self.identity["height"]))
+        if reply.command == Command.STATUS:
+            with suppress(UserError):  # it is for a message only
+                self.status = parse_status(reply.data)
+        elif reply.command == Command.IDENTIFY:
+            self.identity = parse_identity(reply.data)
+            if self.calibration is not None:
+                check_chip(self.identity, self.calibration)
+            size = self.identity["width"], self.identity["height"]
+            for image in self.images.values():
+                if image.size is None:
+                    image.resize(size)

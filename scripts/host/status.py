@@ -2,23 +2,47 @@
 
 from hdl.protocol import DISPLAY_FAULTS, GUARD_CAUSES, PRESET_NAMES, STATUS_FIELDS, Mode
 
-__all__ = ["causes", "laser", "status_table"]
+__all__ = ["HEARTBEAT", "causes", "find_faults", "laser", "status_table"]
 
 _MODES = {Mode.STOP: "stopped", Mode.CONTINUOUS: "continuous", Mode.SINGLE: "single pair",
           Mode.PATTERN: "pattern only"}
 _CAUSES = {
     "pulse": "a pulse longer than the ceiling", "repetition": "a pulse too soon after another",
-    "duty": "too much light in the window", "not_armed": "light asked for while not armed",
+    "duty": "too much light in the window", "not_armed": "light requested while not armed",
     "heartbeat": "frames that stopped coming"}
+HEARTBEAT = 1 << GUARD_CAUSES.index("heartbeat")
 _FAULTS = {
     "frame": "the end of a frame was lost", "row": "a row arrived too late",
     "overlay": "a spot was not drawn"}
 
 
 def causes(status):
-    """What the laser guard holds, in words."""
+    """Causes that the laser guard holds, in words."""
     return [_CAUSES.get(name, name) for bit, name in enumerate(GUARD_CAUSES)
             if status["guard_causes"] >> bit & 1]
+
+
+def find_faults(status):
+    """Why what the chip sends is not to be used, in a list of sentences.
+
+    A chip that stands still is not at fault; that no frames came since it was stopped is noted by
+    its laser guard, and means nothing then.
+    """
+    state = status["state"]
+    faults = []
+    if state.mode == Mode.STOP:
+        status = {**status, "guard_causes": status["guard_causes"] & ~HEARTBEAT}
+    elif state.silent:
+        faults.append("the sensor is silent: no frame comes from it.")
+    held = causes(status)
+    if held:
+        faults.append(f"the laser guard has tripped: it saw {', '.join(held)}; when the reason is "
+                      "gone, `cyclope load PORT --clear` forgets it.")
+    if state.mode != Mode.STOP and not state.armed:
+        faults.append("the laser stays off: " + (
+            "its guard waits for frames." if state.tables_valid or state.capture else
+            "there are no valid tables, which `cyclope load PORT calibration.json` loads."))
+    return faults
 
 
 def laser(status):
@@ -33,8 +57,8 @@ def laser(status):
     return words + (f"; the guard saw {', '.join(held)}" if held else "")
 
 
-def status_table(identity, status, pictures=0):
-    """A table of what the chip is and does; ``pictures`` is the register."""
+def status_table(identity, status, pattern_as_texture=0):
+    """A table of what the chip is and does."""
     from rich import box
     from rich.table import Table
     state = status["state"]
@@ -48,8 +72,8 @@ def status_table(identity, status, pictures=0):
     table.add_row("preset", PRESET_NAMES[preset] if preset < len(PRESET_NAMES) else str(preset),
                   f"system clock {identity['clock_khz'] / 1000:g} MHz")
     table.add_section()
-    as_pictures = pictures and state.mode == Mode.PATTERN
-    table.add_row("mode", _MODES[state.mode] + (", as pictures" if as_pictures else ""),
+    as_images = pattern_as_texture and state.mode == Mode.PATTERN
+    table.add_row("mode", _MODES[state.mode] + (", as images" if as_images else ""),
                   "the sensor is silent" if state.silent else "")
     table.add_row("tables", "valid" if state.tables_valid else "none", f"bank {state.bank}" + (
         ", a new set waits for its frame" if state.committing else ""))

@@ -10,7 +10,7 @@ from model.optics.imager import Imager, light
 from model.optics.scenes import sequence
 from scripts.simulation.instrument import Instrument
 
-__all__ = ["Emulator"]
+__all__ = ["TRUTH_HEADER", "Emulator"]
 
 #: Number of the random stream of the scenes: not that of captures, so that what calibrated a rig
 #: is not what it measures.
@@ -20,8 +20,8 @@ _SCENES, _LIGHT, _NOISE = 100, 101, 102
 class Emulator:
     """An instrument whose imager looks at another scene with each pair of frames.
 
-    It has what :class:`scripts.simulation.terminal.Terminal` wants: ``send``, ``run`` and
-    ``receive``.
+    It has what :class:`scripts.simulation.terminal.Terminal` wants: ``send``, ``run``,
+    ``receive`` and ``unsent``.
 
     Parameters
     ----------
@@ -35,21 +35,28 @@ class Emulator:
         Scenes, shown in turn.
     baud : :class:`int` or None
         Of the serial line; None for the preset's.
+    record : callable or None
+        Given the rows of ``truth.csv`` of each frame with the laser on, as it is shown.
+    keep : :class:`bool`
+        Remember in ``shown`` what was shown.
 
     Attributes
     ----------
+    count : :class:`int`
+        Frames that the imager sent.
     shown : list
-        For each frame that the imager sent: the picture, and the number of the scene.
+        For each of them: the image, and the number of the scene, None if the laser was off.
     """
 
-    def __init__(self, kind, rig, seed=0, scenes=12, baud=None):
+    def __init__(self, kind, rig, seed=0, scenes=12, baud=None, record=None, keep=True):
         camera, projector = rig.camera, rig.projector
         self._light, self._truth = zip(*(
             light(rig, scene, np.random.default_rng([seed, _LIGHT, number]))
             for number, scene in enumerate(sequence(
                 kind, rig, scenes, np.random.default_rng([seed, _SCENES])))), strict=True)
         self._imager = Imager(self._light[0], rig.noise, [seed, _NOISE])
-        self.shown = []
+        self.count, self.shown = 0, []
+        self._record, self._keep = record, keep
         self.scene = None
         config = replace(PRESETS["capsule"], width=camera.width, height=camera.height,
                          beams=projector.rows * projector.columns)
@@ -59,19 +66,30 @@ class Emulator:
         self.send, self.run = self.instrument.send, self.instrument.run
         self.receive = self.instrument.receive
 
+    @property
+    def unsent(self):
+        """Octets from the host that have not gone over the line yet."""
+        return self.instrument.unsent
+
     def _picture(self, integrated_us, lit_us):
         if lit_us:
             self.scene = 0 if self.scene is None else self.scene + 1
             self._imager.look(self._light[self.scene % len(self._light)])
         image = self._imager.expose(integrated_us, lit_us)
-        self.shown.append((image, self.scene if lit_us else None))
+        scene = self.scene if lit_us else None
+        if self._record is not None and scene is not None:
+            self._record(self._rows(self.count, scene))
+        if self._keep:
+            self.shown.append((image, scene))
+        self.count += 1
         return image
 
+    def _rows(self, number, scene):
+        """Rows of ``truth.csv`` of a frame, which has the number that the chip gives it if no frame
+        was lost before."""
+        return truth_rows(number, self._truth[scene % len(self._truth)])
+
     def truth(self):
-        """Lines of ``truth.csv`` of all frames with the laser on; a frame has the number that the
-        chip gives it if no frame was lost before."""
-        lines = [TRUTH_HEADER]
-        for number, (_, scene) in enumerate(self.shown):
-            if scene is not None:
-                lines += truth_rows(number, self._truth[scene % len(self._truth)])
-        return lines
+        """Lines of ``truth.csv`` of all frames with the laser on, if they were kept."""
+        return [TRUTH_HEADER, *(row for number, (_, scene) in enumerate(self.shown)
+                                if scene is not None for row in self._rows(number, scene))]

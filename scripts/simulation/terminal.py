@@ -1,4 +1,4 @@
-"""A pseudo-terminal in front of something that sends and hears octets, such as the Verilated chip.
+"""A pseudo-terminal in front of something that sends and takes octets, such as the Verilated chip.
 
 ``cyclope load`` and ``cyclope receive`` open it as they would open a serial device.
 """
@@ -11,8 +11,10 @@ import tty
 
 __all__ = ["Terminal"]
 
-#: Octets that may wait for a reader; beyond that time stands still, as nobody listens.
-_ROOM = 1 << 16
+#: Octets that may wait for a reader; beyond that time stands still, as nobody reads.
+_OUTPUT_LIMIT = 1 << 16
+#: Octets from the host that may wait for the line; beyond that the host has to wait.
+_INPUT_LIMIT = 1 << 12
 
 
 class Terminal:
@@ -22,13 +24,14 @@ class Terminal:
     ----------
     instrument : object
         ``send(octets)`` takes octets from the host, ``run(microseconds)`` lets time pass,
-        ``receive()`` gives the octets for the host.
+        ``receive()`` gives the octets for the host; ``unsent``, if it has that, is the number of
+        octets from the host that still wait for the line.
     step_us : :class:`int`
         Microseconds that pass at a time.
     speed : :class:`float` or None
         Passing time over the host's, at most; None for as fast as it goes.
     drop : :class:`bool`
-        While nobody reads, what comes is lost and time goes on, as on a real line.
+        While nobody reads, output is lost and time goes on, as on a real line.
 
     Attributes
     ----------
@@ -70,28 +73,29 @@ class Terminal:
     def _serve_aside(self):
         try:
             self.serve()
-        except BaseException as error:  # told by `close`, in the thread that asked for this
+        except BaseException as error:  # raised by `close`, in the thread that wants to know
             self._error = error
 
     def serve(self):
         """Let time pass until :meth:`close`, or an interrupt."""
         waiting, passed, begin = bytearray(), 0, time.monotonic()
         while not self._ended.is_set():
-            full = len(waiting) >= _ROOM
+            full = len(waiting) >= _OUTPUT_LIMIT
             if full and self._drop:
                 waiting.clear()
                 full = False
             ahead = 0.0 if self._speed is None else (
                 passed / 1e6 / self._speed - (time.monotonic() - begin))
+            accepts = getattr(self.instrument, "unsent", 0) < _INPUT_LIMIT
             readable, writable, _ = select.select(
-                [self._master], [self._master] if waiting else [], [],
+                [self._master] if accepts else [], [self._master] if waiting else [], [],
                 0.02 if full else max(0.0, min(ahead, 0.02)))
             if readable:
                 self.instrument.send(os.read(self._master, 4096))
             if writable:
                 del waiting[:os.write(self._master, waiting)]
             if not full and ahead <= 0:
-                if ahead < -1:  # too slow for its speed, or nobody read: never hurry after it
+                if ahead < -1:  # too slow for its speed, or nobody read: do not catch up
                     begin, passed = time.monotonic(), 0
                 self.instrument.run(self._step)
                 passed += self._step

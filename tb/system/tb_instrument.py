@@ -7,7 +7,8 @@ import cocotb
 from cocotb.triggers import ClockCycles, RisingEdge, ValueChange
 
 from hdl.protocol import TABLES, Command
-from scripts.host.chip import REGISTERS, table_octets
+from scripts.host.chip import REGISTERS
+from scripts.host.commands import table_octets
 from scripts.host.decoder import Decoder, Frame, Reply
 from scripts.host.framing import frame_packet
 from scripts.host.loading import signed

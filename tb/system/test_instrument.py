@@ -13,8 +13,9 @@ from model.capsule import Capsule as Model
 from model.paper import Paper
 from scripts.host.chip import REGISTERS, RefusedError
 from scripts.host.framing import frame_packet
+from scripts.host.image_assembly import ImageAssembly
 from scripts.host.loading import stop
-from scripts.host.recorder import Recorder, Texture
+from scripts.host.recorder import Recorder
 from tb.system.played_instrument import SMALL
 from tb.system.stimuli import any_settings, random_frame, spot_frame
 from tb.system.test_paper import settings_of as paper_settings
@@ -245,12 +246,12 @@ def test_pictures_for_a_calibration():
     # No points while pictures were sent; both again afterwards.
     assert min(frame.index for frame in bench.frames) > max(frame.index for frame in lit)
     with TemporaryDirectory() as folder, Recorder(Path(folder)) as recorder:
-        recorder.pictures = {kind: Texture((64, 64)) for kind in recorder.pictures}
+        recorder.images = {kind: ImageAssembly((64, 64)) for kind in recorder.images}
         for event in bench.events:
             recorder.take(event)
-        assert recorder.whole["pattern"] >= 1 and recorder.whole["texture"] >= 1
-        assert np.array_equal(recorder.pictures["pattern"].image, seen)
-        assert set(map(int, np.unique(recorder.pictures["texture"].image ^ texture))) == {0}
+        assert recorder.complete["pattern"] >= 1 and recorder.complete["texture"] >= 1
+        assert np.array_equal(recorder.images["pattern"].image, seen)
+        assert set(map(int, np.unique(recorder.images["texture"].image ^ texture))) == {0}
 
 
 @pytest.mark.parametrize("config,model,settings_of", [

@@ -13,7 +13,7 @@ from hdl.instrument import Instrument
 from model.capsule import Capsule as Model
 from model.optics.rigs import RIGS
 from scripts.cyclope import cli
-from scripts.host.chip import Commands
+from scripts.host.commands import Commands
 from scripts.host.decoder import Decoder, Frame, TextureFrame
 from scripts.host.loading import load, signed
 from scripts.host.rebuild import Rebuilder

@@ -6,7 +6,7 @@ from hdl.paper_points import REMAP_BASE
 from hdl.protocol import REMAP
 from model.capsule import Capsule as Model
 from model.preprocessing.remap import pack_remap
-from scripts.host.chip import Commands
+from scripts.host.commands import Commands
 from scripts.host.decoder import Decoder, Frame, TextureFrame
 from scripts.host.loading import signed
 from scripts.host.rebuild import Rebuilder

@@ -1,0 +1,148 @@
+"""What ``cyclope load`` does to the chip, and what is true if that is cut short."""
+
+from dataclasses import dataclass, field
+
+from hdl.protocol import Mode
+from model.errors import UserError
+from scripts.host.chip import check_chip
+from scripts.host.commands import Commands
+from scripts.host.guard import TIMES, find_trips
+from scripts.host.loading import load, stop, wait_until, write_registers
+from scripts.host.status import HEARTBEAT
+
+__all__ = ["LoadPlan"]
+
+#: Seconds to wait until the chip has done what it was told.
+_PATIENCE = 10.0
+
+
+@dataclass
+class LoadPlan:
+    """What is to be done with the chip, and how far that is.
+
+    Parameters
+    ----------
+    calibration : :class:`calibration.file.Calibration` or None
+        Tables to load.
+    chosen : dict of :class:`int`
+        Registers to write, by their names.
+    mode : :class:`hdl.protocol.Mode` or None
+        How it is to run; None for the mode it is in.
+    pattern_as_texture : :class:`int` or None
+        Likewise the register of that name.
+    clear : :class:`bool`
+        Clear the causes that the laser guard holds.
+    capture_ms : :class:`int` or None
+        Duration of a calibration capture.
+    """
+
+    calibration: object
+    chosen: dict
+    mode: Mode | None
+    pattern_as_texture: int | None
+    clear: bool
+    capture_ms: int | None
+    began: bool = False  # something may have changed in the chip
+    tables: str = "as they were"
+    registers: bool = False  # all are written
+    before: dict = field(default_factory=dict)  # the status
+
+    def check(self, commands):
+        """Refuse what the chip cannot take, before anything is changed.
+
+        Returns
+        -------
+        list of :class:`str`
+            Reasons why the laser guard may trip.
+
+        Raises
+        ------
+        UserError
+            If the calibration is for another chip, or the laser guard is sure to trip.
+        """
+        identity, before = commands.identify(), commands.status()
+        self.before = before
+        if self.calibration is not None:
+            check_chip(identity, self.calibration)
+            self.mode = before["state"].mode if self.mode is None else self.mode
+        mode = before["state"].mode if self.mode is None else self.mode
+        if mode == Mode.STOP or self.mode is None and not self.chosen.keys() & set(TIMES):
+            return []
+        times = {name: self.chosen.get(name) or commands.read(name) for name in TIMES}
+        certain, possible = find_trips(mode, times, identity)
+        if certain:
+            raise UserError(f"The laser guard would trip: {'; '.join(certain)}.")
+        return possible
+
+    def carry_out(self, commands, progress=None):
+        """Change the chip; ``progress`` as for :func:`scripts.host.loading.load`."""
+        self.began = True
+        if self.calibration is not None:
+            stop(commands)
+            self.tables = "incomplete"
+            load(commands, self.calibration, progress)
+            self.tables = "loaded"
+        elif self.mode == Mode.STOP:
+            stop(commands)
+        write_registers(commands, self.chosen)
+        self.registers = True
+        if self.clear:
+            commands.clear()
+        if self.capture_ms is not None:
+            commands.capture(self.capture_ms)
+        if self.pattern_as_texture is not None and (
+                commands.read("pattern_as_texture") != self.pattern_as_texture):
+            commands.write("pattern_as_texture", self.pattern_as_texture)
+        if self.mode is not None:
+            commands.write("mode", self.mode)
+
+    def settle(self, commands):
+        """Wait until the chip does what it was told; gives its status.
+
+        A chip that stood still has missed its laser guard's heartbeat: that is cleared, as long as
+        the guard held nothing else.
+        """
+        runs = self.mode not in (None, Mode.STOP)
+
+        def done(state):
+            # Tables are taken at a frame's start, and then it takes two frames to arm the laser.
+            light = state.armed or not (state.tables_valid or state.capture)
+            return not state.committing and (
+                not runs or state.mode == self.mode and light
+                or self.mode == Mode.SINGLE and state.mode == Mode.STOP)
+
+        status = wait_until(commands, done, _PATIENCE if runs else _PATIENCE / 3)
+        stood = self.before["state"].mode == Mode.STOP or (
+            self.calibration is not None and not self.before["guard_causes"])
+        if status["state"].armed and status["guard_causes"] == HEARTBEAT and stood:
+            commands.clear()
+            status = commands.status()
+        return status
+
+    def describe(self, port, again):
+        """The state of the chip after an early end, in words.
+
+        Parameters
+        ----------
+        port : :class:`scripts.host.port.Port`
+            To ask the chip, if it still answers.
+        again : :class:`str`
+            The command that does it all.
+        """
+        if not self.began:
+            return "Nothing was changed in the chip."
+        tables = {
+            "incomplete": "the new tables are not complete",
+            "loaded": "the new tables are loaded" + (
+                "" if self.registers else ", though not all of their registers"),
+            "as they were": "the registers are written" if self.registers else
+                            "not all registers are written"}[self.tables]
+        try:
+            state = Commands(port, timeout=0.5, tries=2).status()["state"]
+        except (UserError, KeyboardInterrupt):
+            mode = "was stopped" if self.tables != "as they were" else "may have changed"
+        else:
+            mode = "is stopped" if state.mode == Mode.STOP else "is running"
+            if not (state.tables_valid or state.committing):
+                tables += ", and without valid ones the laser stays off"
+        return f"The chip {mode}, {tables}: `{again}` does it all."

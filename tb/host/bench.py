@@ -1,0 +1,112 @@
+"""What the tests of the reader share: instruments behind pseudo-terminals, and commands."""
+
+import csv
+from contextlib import contextmanager
+
+import numpy as np
+
+from model.capsule import Capsule
+from scripts.cyclope import cli
+from scripts.host import port
+from scripts.host.commands import Commands
+from scripts.results.points import locate
+from scripts.simulation.terminal import Terminal
+from tb.system.fake_instrument import FakeInstrument
+from tb.system.played_instrument import PlayedInstrument
+
+__all__ = ["INSTRUMENTS", "QUICK", "TEXTURE", "babbling", "commands", "contents", "load_chip",
+           "open_fake", "open_rtl", "rows", "run", "said", "truth"]
+
+TEXTURE = np.random.default_rng(1).integers(0, 256, (64, 64), np.uint8)
+#: The shortest period that the laser guard bears: less to simulate.
+QUICK = ("--period-us", "20000")
+
+
+@contextmanager
+def open_fake(calibration, shown, speed=8.0, **choices):
+    """A fake instrument behind a pseudo-terminal."""
+    fake = FakeInstrument(shown, len(calibration.settings.line), TEXTURE, **choices)
+    with Terminal(fake, speed=speed) as terminal:
+        yield terminal
+
+
+@contextmanager
+def open_rtl(calibration, shown):
+    """The Verilated instrument behind a pseudo-terminal, as fast as it goes."""
+    with Terminal(PlayedInstrument(shown, TEXTURE), step_us=250, speed=None) as terminal:
+        yield terminal
+
+
+#: What the reader is tested against: a context manager, given the calibration and the frames to
+#: show, of something with the members of :class:`scripts.simulation.terminal.Terminal`.
+INSTRUMENTS = {"fake": open_fake, "rtl": open_rtl}
+
+
+@contextmanager
+def babbling(octets):
+    """A device that sends the same octets over and over."""
+    class Babble:
+        def send(self, _):
+            pass
+
+        def run(self, _):
+            pass
+
+        def receive(self):
+            return octets
+
+    with Terminal(Babble(), speed=1.0) as terminal:
+        yield terminal.path
+
+
+@contextmanager
+def commands(terminal, **choices):
+    """Commands to an instrument, that do not wait long."""
+    with port.open_port(terminal.path) as opened:
+        yield Commands(opened, **{"timeout": 0.15, "patience": 0.3, **choices})
+
+
+def run(*words):
+    """Exit status of a ``cyclope`` command."""
+    return cli.main(list(words))
+
+
+def load_chip(terminal, rig, *words):
+    """Load and start, or whatever is asked for."""
+    assert run("load", terminal.path, rig[1], *(words or ["--start"])) == 0
+
+
+def rows(path):
+    """Rows of a table."""
+    with open(path) as text:
+        return list(csv.DictReader(text))
+
+
+def said(capsys):
+    """The sentence on the error output."""
+    error = capsys.readouterr().err
+    assert error.startswith("cyclope: ") and error.count("\n") == 1, error
+    return error[9:].strip()
+
+
+def contents(folder):
+    """All files below a folder."""
+    return {str(path.relative_to(folder)): path.read_bytes()
+            for path in folder.rglob("*") if path.is_file()}
+
+
+def _expected(points, index, calibration):
+    """Rows of points.csv for a frame; intensity does not show there."""
+    located = locate(points, index, calibration, np.zeros((64, 64), np.uint8))
+    return [(str(index), str(point["beam"]), f"{point['u']:.4f}", f"{point['v']:.4f}",
+             str(point["area"]), *(f"{point[name]:.4f}" for name in "xyz"))
+            for point in located if point["status"] == 0]
+
+
+def truth(instrument, numbers, calibration):
+    """What the model finds in frames: rows of points.csv, by the frame."""
+    model = Capsule(calibration.settings, 64, 64)
+    found = [model.frame(image).points for image in instrument.shown]
+    found = [points[points["status"] == 0] for points in found]
+    return {number: _expected(found[instrument.pattern(number)], number, calibration)
+            for number in numbers}

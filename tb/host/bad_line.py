@@ -6,7 +6,7 @@ __all__ = ["BadLine"]
 
 
 class BadLine:
-    """Between a host and an instrument.
+    """Between a host and an instrument. Where there are strays, each direction begins with some.
 
     Parameters
     ----------
@@ -46,7 +46,9 @@ class BadLine:
         flips = self._rng.random((len(octets), 8)) < self.flips
         octets = (octets ^ np.packbits(flips)).tobytes() if len(octets) else b""
         out, done = b"", 0
-        for at in np.flatnonzero(self._rng.random(len(octets)) < self.strays):
+        drawn = self._rng.random(len(octets)) < self.strays
+        drawn[:1] |= self.strays > 0 and not self.added[direction]
+        for at in np.flatnonzero(drawn):
             # Zeros among them make whole packets of the rest.
             stray = self._rng.integers(0, 256, self._rng.integers(1, 40), np.uint8)
             stray[self._rng.random(len(stray)) < 0.5] = 0

@@ -21,16 +21,16 @@ def test_a_lost_command_or_answer_is_sent_again(kind, fault, at, rig):
     calibration, _ = rig
     with INSTRUMENTS[kind](calibration, images()) as terminal:
         instrument, count = terminal.instrument, 0
-        hear = instrument._hear
+        take = instrument._take
 
         def counted(content):
             nonlocal count
             if count == at:
                 setattr(instrument, fault, 2)
             count += 1
-            hear(content)
+            take(content)
 
-        instrument._hear = counted
+        instrument._take = counted
         with commands(terminal, timeout=0.08 if kind == "fake" else 0.5, patience=5.0) as asking:
             load(asking, calibration)
             asking.write("mode", Mode.CONTINUOUS)

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from hdl.protocol import Command, PacketKind, Reason
+from scripts.host.decoder import Decoder
 from scripts.host.messages import POINT, Frame
 from scripts.host.recorder import Recorder
+from scripts.host.replay import Replay
 from tb.host.bench import rows, run
 from tb.host.hostile import bounded, identity, status
 from tb.link.wire import Wire, make_frame
@@ -212,13 +214,28 @@ def test_packets_at_random(seed, rig, tmp_path, capsys):
     assert "Traceback" not in error and "fault of the program" not in error
 
 
-def test_a_gigabyte_of_nothing(tmp_path, capsys):
+def test_a_gigabyte_of_nothing(tmp_path, capsys, monkeypatch):
     """It is not read to its end."""
+    real, done = Replay.read, []
+
+    def read(self):
+        octets = real(self)
+        done.append(self.done)
+        return octets
+
+    monkeypatch.setattr(Replay, "read", read)
     with open(tmp_path / "raw", "wb") as file:
         os.truncate(file.fileno(), 1 << 30)
     with bounded():
         assert run("receive", tmp_path / "raw", "-o", tmp_path / "out") == 2
-    assert NOTHING in capsys.readouterr().err
+    assert NOTHING in capsys.readouterr().err and 0 < done[-1] < 1 << 23
+
+
+def test_a_frame_without_an_end_is_cut():
+    """No more points wait in memory than the counts of a trailer can hold."""
+    octets = never_ending(Wire())
+    sizes = [len(frame.points) for frame in Decoder().feed(octets + good(9)(Wire()))]
+    assert sum(sizes) == 9 * 8500 + 1 and max(sizes) <= (1 << 16) + 9
 
 
 def test_frames_of_years(rig, tmp_path):

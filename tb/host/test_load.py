@@ -244,7 +244,7 @@ def test_the_guard_trips_as_predicted(rig):
                 return asking.status()["guard_causes"]
             assert patterns(2) == 0
             asking.write("period_us", 60_500)
-            assert patterns(2) == HEARTBEAT
+            assert patterns(4) == HEARTBEAT
 
 
 def test_single_says_who_receives_it(terminal, rig, capsys):
@@ -264,7 +264,7 @@ def test_status_says_what_is_wrong(terminal, rig, capsys):
     assert run("status", terminal.path) == 0
     load_chip(terminal, rig)
     assert run("status", terminal.path) == 0
-    terminal.instrument.valid = False
+    terminal.instrument.machine.tables_valid = False
     assert run("status", terminal.path) == 3
     assert "! the laser stays off: there are no valid tables" in capsys.readouterr().out
 

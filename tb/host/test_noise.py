@@ -21,7 +21,8 @@ def chip(rig, running=False):
     """A fake instrument; the calibration's tables are in it if it runs."""
     fake = FakeInstrument(images(), len(rig[0].settings.line), TEXTURE)
     if running:
-        fake.valid, fake.registers["mode"] = True, Mode.CONTINUOUS
+        fake.machine.tables_valid = True
+        fake.registers["mode"] = Mode.CONTINUOUS
     return fake
 
 
@@ -36,7 +37,7 @@ def test_commands_come_through(command, running, seed, rig, capsys):
     words = [rig[1]] if running is None else []
     with Terminal(line, speed=8.0) as terminal:
         assert run(command[0], terminal.path, *words, *command[1:]) == 0
-    assert capsys.readouterr().err == "" and sum(line.added) > 0
+    assert capsys.readouterr().err == "" and min(line.added) > 0
     if command[0] == "load":
         assert (line.valid, line.registers["mode"]) == (True, Mode.STOP if running else 1)
 
@@ -60,4 +61,4 @@ def test_noise_at_the_rtl(seed, capsys):
     with Terminal(line, step_us=250, speed=None) as terminal:
         assert run("load", terminal.path, "--start", "--capture-ms", "60000") == 0
         assert run("status", terminal.path) == 0
-    assert capsys.readouterr().err == "" and sum(line.added) > 0
+    assert capsys.readouterr().err == "" and min(line.added) > 0

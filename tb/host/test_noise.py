@@ -22,7 +22,7 @@ def chip(rig, running=False):
     fake = FakeInstrument(images(), len(rig[0].settings.line), TEXTURE)
     if running:
         fake.machine.tables_valid = True
-        fake.registers["mode"] = Mode.CONTINUOUS
+        fake.machine.written["mode"] = fake.machine.acting["mode"] = int(Mode.CONTINUOUS)
     return fake
 
 

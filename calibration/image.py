@@ -23,6 +23,8 @@ _FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "PPM")
 #: Octets of the largest image as a TIFF without compression, and as much again for what a camera
 #: adds.
 _MOST = 16 * LARGEST * LARGEST
+#: Scans of a progressive JPEG at the most; each takes as long as a whole image.
+_SCANS = 100
 _PNG_END = b"IEND\xaeB`\x82"
 _AGAIN = "copy or record it again"
 
@@ -75,7 +77,9 @@ def _pixels(path, data, image):
     """All pixels; an image that is not whole is refused."""
     try:
         if image.format == "JPEG":
-            # Strict: what libjpeg would only warn of is refused, and ends it.
+            if data.count(b"\xff\xda") > _SCANS:
+                raise ValueError("too many scans")
+            # Strict: what libjpeg would only warn of is refused.
             if simplejpeg.decode_jpeg_header(data)[:2] != image.size[::-1]:
                 raise ValueError("two sizes")
             return simplejpeg.decode_jpeg(data, colorspace="GRAY")[:, :, 0]

@@ -43,6 +43,19 @@ def test_good_images_are_read_in_silence(kind, tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+def test_a_jpeg_of_many_scans_is_not_decoded(tmp_path, monkeypatch):
+    """Each would take as long as an image."""
+    def decoded(*_, **__):
+        raise AssertionError("it was decoded")
+
+    monkeypatch.setattr(images.simplejpeg, "decode_jpeg", decoded)
+    path, octets = tmp_path / "0.jpg", ACCEPTED["jpeg progressive"]
+    path.write_bytes(octets[:-2] + octets[octets.rindex(b"\xff\xda"):-2] * 100 + octets[-2:])
+    with pytest.raises(UserError, match="is truncated or damaged") as caught:
+        images.read_image(path)
+    assert str(caught.value.__cause__) == "too many scans"
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_damage_of_any_kind_is_one_sentence(seed, monkeypatch, capfd):
     """Octets changed, lost and added anywhere, most often in the headers."""

@@ -212,13 +212,10 @@ def test_projects_are_written(exported):
             assert str(ROOT) not in file.read_text(), file
 
 
-def test_export_replaces_the_old_one(tmp_path, monkeypatch):
+def test_export_fills_a_new_folder(tmp_path, monkeypatch):
     monkeypatch.setattr(export, "present", lambda: (find("binarise"),))
     folder = tmp_path / "export"
-    folder.mkdir()
-    (folder / "stale").touch()
     assert export.export(folder) == [find("binarise")]
-    assert not (folder / "stale").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["export"]
 
 

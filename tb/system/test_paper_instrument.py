@@ -105,11 +105,11 @@ def test_tables_come_over_the_line():
         check_chip(commands.identify(), any_calibration(rows=4, columns=4))
 
     def damage(words):
-        places = list(words["places"])
+        places = list(words["remap"])
         places[777] ^= 1 << 40
-        return {**words, "places": places}
+        return {**words, "remap": places}
 
-    for harm in (damage, lambda words: {**words, "places": []}):
+    for harm in (damage, lambda words: {**words, "remap": []}):
         with pytest.raises(RefusedError) as refused:
             whole.load(calibration.settings, harm)
         assert refused.value.reason == Reason.DAMAGED_TABLE

@@ -219,6 +219,12 @@ def test_export_fills_a_new_folder(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["export"]
 
 
+def test_command_keeps_a_folder_that_holds_something(tmp_path):
+    (tmp_path / "mine").touch()
+    assert cli.main(["export", tmp_path]) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
 def test_tables_are_what_the_settings_load(tmp_path):
     settings = Settings(
         tangential_1=-1, depth=(1, 2, 3), reciprocal=(4,), radial=(5, 6), line=(7,), window=(8,))

@@ -92,7 +92,7 @@ class StreamSink(BusMonitor):
     async def _monitor_recv(self):
         valid, ready, payload = self.bus.valid, self.bus.ready, self.bus.payload
         edge, offered = RisingEdge(self.clock), RisingEdge(valid)
-        changed = ValueChange(valid), ValueChange(payload)
+        changed = ValueChange(valid), ValueChange(payload), ValueChange(self.bench.dut.rst)
         takes, word, held = 0, None, None
         while True:
             taking = int(not self._stall or self.rng.random() >= self._stall)

@@ -6,6 +6,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from .conditions import PLAIN, Conditions
 from .exposure import expose, vignette
 from .rigs import Rig
 
@@ -39,7 +40,10 @@ class BoardPose:
         return rig.camera.project(self.points(rig.board, squares))
 
 
-def draw_board(rig: Rig, pose: BoardPose, rng: np.random.Generator, fine: int = 4) -> np.ndarray:
+def draw_board(
+    rig: Rig, pose: BoardPose, rng: np.random.Generator, fine: int = 4,
+    conditions: Conditions = PLAIN,
+) -> np.ndarray:
     """Photograph of the chessboard (uint8): fine x fine samples per pixel, blurred by the lens."""
     camera, board = rig.camera, rig.board
     columns, rows = board.columns + 1, board.rows + 1
@@ -74,7 +78,7 @@ def draw_board(rig: Rig, pose: BoardPose, rng: np.random.Generator, fine: int = 
     u = np.linspace(-1, 1, camera.width)
     v = np.linspace(-1, 1, camera.height)[:, None]
     light = (1 + slope[0] * u + slope[1] * v) * (1 - 0.5 * (1 - vignette(rig)))
-    return expose(rig, levels * light, rng)
+    return expose(rig, levels * light, rng, conditions.of_rig())
 
 
 #: Directions in which the boards are shifted, in turn, so that together they fill the image.
@@ -115,12 +119,12 @@ def board_pose(rig: Rig, number: int, rng: np.random.Generator) -> BoardPose:
 
 
 def photograph(
-    rig: Rig, number: int, rng: np.random.Generator
+    rig: Rig, number: int, rng: np.random.Generator, conditions: Conditions = PLAIN
 ) -> tuple[np.ndarray, BoardPose]:
     """A photograph on which OpenCV finds every inner corner, and the board's pose."""
     size = rig.board.columns, rig.board.rows
     while True:
         pose = board_pose(rig, number, rng)
-        image = draw_board(rig, pose, rng)
+        image = draw_board(rig, pose, rng, conditions=conditions)
         if cv2.findChessboardCorners(image, size)[0]:
             return image, pose

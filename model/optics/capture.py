@@ -8,12 +8,16 @@ import numpy as np
 from model.errors import UserError
 
 from . import board, render, rigs, scenes
+from .conditions import PLAIN, Conditions
 
 #: Numbers of photographs of the chessboard and of the flat target in a capture.
 PHOTOGRAPHS = 15
 PLANES = 12
 
 TRUTH_HEADER = "frame,beam,u_px,v_px,x_mm,y_mm,z_mm,inside"
+#: Under conditions the table says also which spots can be seen in the picture, which beams are
+#: dead, and the factor on their light.
+CONDITIONS_HEADER = TRUTH_HEADER + ",visible,dead,light"
 
 # Streams of random numbers of one seed: each image has its own, so that the number of frames
 # does not change the images for the calibration.
@@ -27,7 +31,7 @@ def image_count(frames: int) -> int:
 
 def most_octets(rig: rigs.Rig, frames: int) -> int:
     """Number of octets of a capture at the most; the images' noise hardly lets them shrink."""
-    rows = (frames * rig.projector.rows * rig.projector.columns) * 100
+    rows = (frames * rig.projector.rows * rig.projector.columns) * 120
     return image_count(frames) * (rig.camera.width * rig.camera.height + 4096) + rows
 
 
@@ -49,13 +53,21 @@ def toml(rig: rigs.Rig, nominal: rigs.Nominal) -> str:
     )
 
 
-def truth_rows(frame: int, truth: np.ndarray) -> list[str]:
+def truth_header(conditions: Conditions) -> str:
+    """First line of ``truth.csv``."""
+    return TRUTH_HEADER if conditions.plain else CONDITIONS_HEADER
+
+
+def truth_rows(frame: int, truth: np.ndarray, conditions: Conditions = PLAIN) -> list[str]:
     """Lines of ``truth.csv`` of one frame; fields without a value are empty."""
     rows = []
     for beam in truth:
         values = [beam[name] for name in ("u_px", "v_px", "x_mm", "y_mm", "z_mm")]
         texts = ["" if np.isnan(value) else f"{value:.7f}" for value in values]
-        rows.append(",".join([str(frame), str(beam["beam"]), *texts, str(int(beam["inside"]))]))
+        more = [] if conditions.plain else [
+            str(int(beam["visible"])), str(int(beam["light"] == 0)), f"{beam['light']:.4g}"]
+        rows.append(",".join(
+            [str(frame), str(beam["beam"]), *texts, str(int(beam["inside"])), *more]))
     return rows
 
 
@@ -77,7 +89,7 @@ def _write_lines(path: Path, lines: list[str]) -> None:
 
 def write(
     folder, kind: str, rig: rigs.Rig, seed: int = 0, frames: int = 10, error: float = 1.0,
-    progress=None,
+    progress=None, conditions: Conditions = PLAIN,
 ) -> None:
     """Fill an existing, empty folder with a whole capture; the same arguments give the same bytes.
 
@@ -97,6 +109,8 @@ def write(
         Scale of the errors of the nominal values; 1 is the default, 0 writes the true ones.
     progress : callable or None
         Called with the name of the folder after each image.
+    conditions : :class:`.conditions.Conditions`
+        Of the frames; the plane frames have those that belong to the rig.
 
     Raises
     ------
@@ -119,19 +133,21 @@ def write(
     for name in ("lens", "planes", "frames"):
         (folder / name).mkdir()
     for number in range(PHOTOGRAPHS):
-        image, _ = board.photograph(rig, number, random(_LENS, number))
+        image, _ = board.photograph(rig, number, random(_LENS, number), conditions)
         save(folder / "lens" / f"{number:02}.png", image)
     rows = ["file,z_mm"]
     for number, z_mm in enumerate(rig.calibration_planes(PLANES)):
-        image, _ = render.pattern_frame(rig, scenes.Plane(z_mm), random(_PLANES, number))
+        image, _ = render.pattern_frame(
+            rig, scenes.Plane(z_mm), random(_PLANES, number), conditions.of_rig(), number)
         save(folder / "planes" / f"{number:02}.png", image)
         rows.append(f"{number:02}.png,{z_mm:.2f}")
     _write_lines(folder / "planes" / "planes.csv", rows)
-    rows = [TRUTH_HEADER]
+    rows = [truth_header(conditions)]
     for number, scene in enumerate(sequence):
-        image, truth = render.pattern_frame(rig, scene, random(_FRAMES, number))
+        image, truth = render.pattern_frame(
+            rig, scene, random(_FRAMES, number), conditions, number)
         save(folder / "frames" / f"{number:04}_ir.png", image)
-        rows += truth_rows(number, truth)
-        image = render.texture_frame(rig, scene, random(_TEXTURES, number))
+        rows += truth_rows(number, truth, conditions)
+        image = render.texture_frame(rig, scene, random(_TEXTURES, number), conditions)
         save(folder / "frames" / f"{number:04}_texture.png", image)
     _write_lines(folder / "truth.csv", rows)

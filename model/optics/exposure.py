@@ -1,8 +1,10 @@
-"""From light to grey values: vignetting, background, noise, saturation and 8 bits."""
+"""From light to grey values: vignetting, background, noise, saturation, conversion and gain."""
 
 import cv2
 import numpy as np
 
+from .conditions import PLAIN, Conditions
+from .effects import hot_levels
 from .rigs import Rig
 
 __all__ = ["background", "expose", "vignette"]
@@ -28,10 +30,19 @@ def vignette(rig: Rig) -> np.ndarray:
     return 1 - rig.noise.vignetting * square / square.max()
 
 
-def expose(rig: Rig, levels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Shot noise, read noise, saturation and 8 bits."""
+def expose(
+    rig: Rig, levels: np.ndarray, rng: np.random.Generator, conditions: Conditions = PLAIN
+) -> np.ndarray:
+    """Hot pixels, shot noise, read noise, saturation, conversion, and gain."""
     noise = rig.noise
+    if conditions.hot_pixels:
+        levels = levels + hot_levels(levels.shape, conditions)
     if noise.electrons > 0:
         levels = rng.poisson(np.maximum(levels, 0) * noise.electrons) / noise.electrons
     levels = levels + rng.normal(scale=noise.read, size=levels.shape) if noise.read else levels
-    return np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+    grey = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+    lost = 8 - conditions.bits
+    grey = grey >> lost << lost
+    if conditions.gain != 1:
+        grey = np.clip(np.rint(conditions.gain * grey.astype(float)), 0, 255).astype(np.uint8)
+    return grey

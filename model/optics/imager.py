@@ -9,7 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import render, spots
+from . import render
+from .conditions import PLAIN, Conditions
+from .effects import hide, pattern_light
 from .rigs import Noise
 
 __all__ = ["PATTERN_US", "TEXTURE_US", "Charge", "Imager", "Light", "light"]
@@ -33,10 +35,19 @@ class Light:
     infrared: np.ndarray
 
 
-def light(rig, scene, rng) -> tuple[Light, np.ndarray]:
-    """A scene's light on a rig's sensor, and the truth of its beams (`spots.TRUTH`)."""
-    levels, truth = spots.pattern_levels(rig, scene)
-    return Light(render.texture_levels(rig, scene, rng) / TEXTURE_US, levels / PATTERN_US), truth
+def light(
+    rig, scene, rng, conditions: Conditions = PLAIN, number: int = 0
+) -> tuple[Light, np.ndarray]:
+    """A scene's light on a rig's sensor, and the truth of its beams (`spots.TRUTH`).
+
+    What the conditions add to the background is there while the laser is lit; those of the sensor
+    (hot pixels, bits, gain) have no effect here.
+    """
+    laser, ambient, truth = pattern_light(rig, scene, conditions, number)
+    visible = render.texture_levels(rig, scene, rng) / TEXTURE_US
+    if not conditions.plain:
+        hide(truth, laser, DARK + visible * PATTERN_US, ambient)
+    return Light(visible, (laser + ambient) / PATTERN_US), truth
 
 
 class Charge:

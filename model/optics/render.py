@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 
 from . import scenes
+from .conditions import PLAIN, Conditions
+from .effects import hide, pattern_light
 from .exposure import background, expose, vignette
 from .rigs import Rig
 from .spots import pattern_levels
@@ -13,11 +15,30 @@ from .spots import pattern_levels
 __all__ = ["pattern_frame", "surface", "texture_frame", "texture_levels"]
 
 def pattern_frame(
-    rig: Rig, scene, rng: np.random.Generator
+    rig: Rig, scene, rng: np.random.Generator, conditions: Conditions = PLAIN, number: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A pattern frame (uint8, height x width) and its truth (`TRUTH`, one row per beam)."""
-    levels, truth = pattern_levels(rig, scene)
-    return expose(rig, levels + background(rig, rng), rng), truth
+    """A pattern frame (uint8, height x width) and its truth (`TRUTH`, one row per beam).
+
+    Parameters
+    ----------
+    rig : :class:`.rigs.Rig`
+        Who looks.
+    scene : scene
+        At what.
+    rng : :class:`numpy.random.Generator`
+        Of background and noise.
+    conditions : :class:`.conditions.Conditions`
+        What makes the frame harder, with random numbers of its own.
+    number : :class:`int`
+        Of the frame, for the conditions.
+    """
+    if conditions.plain:
+        levels, truth = pattern_levels(rig, scene)
+        return expose(rig, levels + background(rig, rng), rng), truth
+    laser, ambient, truth = pattern_light(rig, scene, conditions, number)
+    plain = background(rig, rng)
+    hide(truth, laser, plain, ambient, 255 / max(conditions.gain, 1))
+    return expose(rig, laser + plain + ambient, rng, conditions), truth
 
 
 def surface(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray]:
@@ -73,9 +94,11 @@ def texture_levels(rig: Rig, scene, rng: np.random.Generator) -> np.ndarray:
     return 250 * (1 - np.exp(-bright / 170)) * vignette(rig)
 
 
-def texture_frame(rig: Rig, scene, rng: np.random.Generator) -> np.ndarray:
-    """A texture frame (uint8, height x width)."""
-    return expose(rig, texture_levels(rig, scene, rng), rng)
+def texture_frame(
+    rig: Rig, scene, rng: np.random.Generator, conditions: Conditions = PLAIN
+) -> np.ndarray:
+    """A texture frame (uint8, height x width), with what of the conditions belongs to the rig."""
+    return expose(rig, texture_levels(rig, scene, rng), rng, conditions.of_rig())
 
 
 @lru_cache(maxsize=4)

@@ -13,7 +13,9 @@ import numpy as np
 from model.errors import UserError
 
 #: Kinds of scenes that `sequence` makes.
-KINDS = ("plane", "tilted", "polyp", "tube", "mixed")
+KINDS = ("plane", "tilted", "polyp", "tube", "mixed", "tissue")
+#: Kinds of the scenes that the others show in turn.
+_IN_TURN = {"mixed": ("plane", "tilted", "polyp", "tube"), "tissue": ("tilted", "polyp", "tube")}
 
 
 def _unit(vector) -> np.ndarray:
@@ -197,10 +199,10 @@ def sequence(kind: str, rig, frames: int, rng: np.random.Generator) -> list:
             f"There is no scene of the kind '{kind}'; choose one of {', '.join(KINDS)}."
         )
     low, high = rig.range_mm
-    scenes = []
+    turn = _IN_TURN.get(kind, (kind,))
+    scenes, steps = [], -(-frames // len(turn))
     for number in range(frames):
-        which = KINDS[number % 4] if kind == "mixed" else kind
-        step, steps = (number // 4, -(-frames // 4)) if kind == "mixed" else (number, frames)
+        step, which = number // len(turn), turn[number % len(turn)]
         # The frames are spread in 1 / z, with a random part, so that none is a plane of the
         # calibration.
         part = (step + rng.uniform(0.3, 0.7)) / steps

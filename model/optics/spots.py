@@ -11,12 +11,14 @@ __all__ = ["TRUTH", "draw", "pattern_levels", "trace", "trace_rays"]
 #: One row per beam: the position of the spot's axis in the image (distorted pixels) and in space
 #: (mm), NaN where the beam meets nothing; whether it is visible to the camera; whether it counts
 #: (visible, within the image by the rig's margin, within the rig's range); its peak in levels and
-#: its standard deviation in pixels along the ellipse's axes.
+#: its standard deviation in pixels along the ellipse's axes; the factor on its light, 0 for a dead
+#: beam, which has no position.
 TRUTH = np.dtype([
     ("beam", "i4"), ("u_px", "f8"), ("v_px", "f8"), ("x_mm", "f8"), ("y_mm", "f8"),
     ("z_mm", "f8"), ("visible", "?"), ("inside", "?"), ("peak", "f8"),
-    ("sigma_major_px", "f8"), ("sigma_minor_px", "f8"),
+    ("sigma_major_px", "f8"), ("sigma_minor_px", "f8"), ("light", "f8"),
 ])
+_PLACE = ("u_px", "v_px", "x_mm", "y_mm", "z_mm")
 
 
 # Gauss-Legendre nodes and weights on -1/2 .. 1/2.
@@ -69,12 +71,13 @@ def _sigma_mm(rig: Rig, distance: np.ndarray) -> np.ndarray:
     return np.hypot(rig.spots.waist_mm, rig.spots.divergence_mrad * 1e-3 * distance)
 
 
-def _spots(rig: Rig, scene):
+def _spots(rig: Rig, scene, share):
     """As `trace`, and the exposure: levels per unit of received light."""
     camera, projector, look = rig.camera, rig.projector, rig.spots
     truth = np.zeros(projector.beams, dtype=TRUTH)
     truth["beam"] = np.arange(projector.beams)
-    for name in ("u_px", "v_px", "x_mm", "y_mm", "z_mm"):
+    truth["light"] = share
+    for name in _PLACE:
         truth[name] = np.nan
     covariance = np.tile(np.eye(2), (projector.beams, 1, 1))
     light = np.zeros(projector.beams)
@@ -90,9 +93,7 @@ def _spots(rig: Rig, scene):
         return truth, covariance, light, look.peak / middle
     points = points[hit]
     image = camera.project(points)
-    for name, values in zip(
-        ("u_px", "v_px", "x_mm", "y_mm", "z_mm"), (*image.T, *points.T), strict=True
-    ):
+    for name, values in zip(_PLACE, (*image.T, *points.T), strict=True):
         truth[name][hit] = values
     visible, covariance[hit], received = _shine(
         rig, scene, points, directions[hit], _sigma_mm(rig, distance[hit]))
@@ -111,11 +112,23 @@ def _spots(rig: Rig, scene):
     low, high = rig.range_mm
     truth["inside"] = truth["visible"] & (truth["z_mm"] >= low) & (truth["z_mm"] <= high)
     truth["inside"][hit] &= camera.inside(image, rig.margin_px)
+    # The light of single beams does not change the exposure.
+    light *= truth["light"]
+    truth["peak"] *= truth["light"]
+    dead = truth["light"] == 0
+    for name in _PLACE:
+        truth[name][dead] = np.nan
+    truth["visible"][dead] = truth["inside"][dead] = False
     return truth, covariance, light, exposure
 
 
-def trace(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def trace(rig: Rig, scene, share=1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where the beams fall, and their spots, each on the plane tangent to the surface there.
+
+    Parameters
+    ----------
+    share : :class:`float` or array (beams,)
+        Factor on the light of each beam; 0 is a dead one.
 
     Returns
     -------
@@ -125,7 +138,7 @@ def trace(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     light : :class:`numpy.ndarray`, (beams,)
         Sum over the spot, in levels.
     """
-    return _spots(rig, scene)[:3]
+    return _spots(rig, scene, share)[:3]
 
 
 #: Rays of a beam: their positions across it, in its standard deviations, and their shares of its
@@ -137,14 +150,14 @@ _SHARE /= _SHARE.sum()
 
 
 def trace_rays(
-    rig: Rig, scene
+    rig: Rig, scene, share=1.0
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """The truth, and centres, covariances and light of the Gaussians to draw, several for a beam.
 
     Every beam is divided into rays that are traced separately: a spot on a curved surface is no
     longer an ellipse around its axis, and one across an edge falls into parts, as in reality.
     """
-    truth, _, _, exposure = _spots(rig, scene)
+    truth, _, _, exposure = _spots(rig, scene, share)
     base, axes = np.asarray(rig.projector.base_mm, dtype=float), rig.projector.directions()
     hit = np.flatnonzero(np.isfinite(truth["z_mm"]))
     axis = np.stack([truth[name][hit] for name in ("x_mm", "y_mm", "z_mm")], axis=-1)
@@ -160,7 +173,7 @@ def trace_rays(
     points, rays = points[good], rays[good]
     visible, covariance, received = _shine(
         rig, scene, points, rays, 0.5 * _sigma_mm(rig, distance[good]))
-    light = np.tile(_SHARE, len(hit))[good] * received * exposure
+    light = np.outer(truth["light"][hit], _SHARE).ravel()[good] * received * exposure
     return truth, (rig.camera.project(points)[visible], covariance[visible], light[visible])
 
 
@@ -194,11 +207,14 @@ def draw(
     return image
 
 
-def pattern_levels(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray]:
-    """Laser spots alone, in levels (float64, without noise or limit), and the truth."""
+def pattern_levels(rig: Rig, scene, share=1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Laser spots alone, in levels (float64, without noise or limit), and the truth.
+
+    `share` is the factor on the light of each beam, as in :func:`trace`.
+    """
     if rig.spots.split:
-        truth, gaussians = trace_rays(rig, scene)
+        truth, gaussians = trace_rays(rig, scene, share)
     else:
-        truth, covariance, light = trace(rig, scene)
+        truth, covariance, light = trace(rig, scene, share)
         gaussians = np.stack([truth["u_px"], truth["v_px"]], axis=-1), covariance, light
     return draw((rig.camera.height, rig.camera.width), *gaussians), truth

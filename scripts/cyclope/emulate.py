@@ -36,12 +36,14 @@ def main(arguments):
     if arguments.output.exists():
         raise UserError(f"{arguments.output} is there already: name another file, or delete it.")
     require("rtl", "`cyclope emulate`")
+    from model.optics.capture import truth_header
+    from model.optics.conditions import conditions_of
     from model.optics.rigs import RIGS
     from scripts.results.row_file import RowFile
-    from scripts.simulation.emulator import TRUTH_HEADER, Emulator
+    from scripts.simulation.emulator import Emulator
     from scripts.simulation.terminal import Terminal
 
-    truth = RowFile(arguments.output, TRUTH_HEADER + "\n")
+    truth = RowFile(arguments.output, truth_header(conditions_of(arguments.kind)) + "\n")
 
     def record(rows):
         truth.append("".join(f"{row}\n" for row in rows))

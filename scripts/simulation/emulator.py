@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from hdl.config import PRESETS
-from model.optics.capture import TRUTH_HEADER, truth_rows
+from model.optics.capture import truth_header, truth_rows
+from model.optics.conditions import conditions_of
 from model.optics.imager import Imager, light
 from model.optics.scenes import sequence
 from scripts.simulation.instrument import Instrument
 
-__all__ = ["TRUTH_HEADER", "Emulator"]
+__all__ = ["Emulator"]
 
 #: Number of the random stream of the scenes: not that of captures, so that what calibrated a rig
 #: is not what it measures.
@@ -19,6 +20,8 @@ _SCENES, _LIGHT, _NOISE = 100, 101, 102
 
 class Emulator:
     """An instrument whose imager looks at another scene with each pair of frames.
+
+    The scenes have the conditions of their kind, see :mod:`model.optics.conditions`.
 
     It has what :class:`scripts.simulation.terminal.Terminal` wants: ``send``, ``run``,
     ``receive`` and ``unsent``.
@@ -50,10 +53,12 @@ class Emulator:
 
     def __init__(self, kind, rig, seed=0, scenes=12, baud=None, record=None, keep=True):
         camera, projector = rig.camera, rig.projector
+        self._conditions = conditions_of(kind, seed)
+        shown = sequence(kind, rig, scenes, np.random.default_rng([seed, _SCENES]))
         self._light, self._truth = zip(*(
-            light(rig, scene, np.random.default_rng([seed, _LIGHT, number]))
-            for number, scene in enumerate(sequence(
-                kind, rig, scenes, np.random.default_rng([seed, _SCENES])))), strict=True)
+            light(rig, scene, np.random.default_rng([seed, _LIGHT, number]), self._conditions,
+                  number)
+            for number, scene in enumerate(shown)), strict=True)
         self._imager = Imager(self._light[0], rig.noise, [seed, _NOISE])
         self.count, self.shown = 0, []
         self._record, self._keep = record, keep
@@ -87,9 +92,10 @@ class Emulator:
     def _rows(self, number, scene):
         """Rows of ``truth.csv`` of a frame, which has the number that the chip gives it if no frame
         was lost before."""
-        return truth_rows(number, self._truth[scene % len(self._truth)])
+        return truth_rows(number, self._truth[scene % len(self._truth)], self._conditions)
 
     def truth(self):
         """Lines of ``truth.csv`` of all frames with the laser on, if they were kept."""
-        return [TRUTH_HEADER, *(row for number, (_, scene) in enumerate(self.shown)
-                                if scene is not None for row in self._rows(number, scene))]
+        return [truth_header(self._conditions), *(
+            row for number, (_, scene) in enumerate(self.shown)
+            if scene is not None for row in self._rows(number, scene))]

@@ -89,18 +89,35 @@ def accuracy(console):
     """Depth errors of simulated rigs, each calibrated from its own capture."""
     from rich.progress import track
 
-    from tb.benchmark.depth_error import CASES, measure
+    from tb.benchmark.depth_error import CASES, CONDITIONS, measure
     table = _table("Depth, seeds 1 to 5, golden model (its points are the RTL's)", "rig", "scenes",
                    "centre, erosion", "mean error", "limit", "found", "wrong", "ok points")
     for case in track(CASES, "accuracy", console=Console(stderr=True), transient=True):
-        error, expected, found = measure(case, _SEEDS)
+        depth = measure(case, _SEEDS)
+        error = depth.error
         table.add_row(
             case.rig, ", ".join(case.kinds) + (", split spots" if case.split else ""),
             f"{case.centre}, {case.erosion}", f"{100 * error.mean():.3f} %",
             f"{100 * case.limit:.2f} %" if case.limit else "",
-            f"{100 * found / expected:.2f} %", f"{100 * np.mean(error > 0.05):.3f} %",
+            f"{100 * depth.found / depth.expected:.2f} %", f"{100 * np.mean(error > 0.05):.3f} %",
             str(len(error)))
     console.print(table)
+    table = _table("The same under conditions that are not kind, rig endoscope", "conditions",
+                   "scenes", "mean error", "found", "wrong", "precision of spots", "ok points")
+    for name, case in track(CONDITIONS.items(), "conditions", console=Console(stderr=True),
+                            transient=True):
+        depth = measure(case, _SEEDS)
+        error = depth.error
+        table.add_row(
+            name, ", ".join(case.kinds), _percent(error.mean() if len(error) else np.nan),
+            _percent(depth.found / depth.expected, 1),
+            _percent(np.mean(error > 0.05) if len(error) else np.nan, 2),
+            _percent(depth.real / depth.spots if depth.spots else np.nan, 1), str(len(error)))
+    console.print(table)
+
+
+def _percent(share, digits=3):
+    return "-" if np.isnan(share) else f"{100 * share:.{digits}f} %"
 
 
 def latency(console):

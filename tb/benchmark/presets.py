@@ -47,9 +47,10 @@ def _depth(rig):
              "paper": Case(rig, _KINDS, "erode", "binary", None, preset="paper")}
     figures = {}
     for preset, case in cases.items():
-        error, expected, found = measure(case, _SEEDS)
-        figures[preset] = (f"{100 * error.mean():.3f} %", f"{100 * found / expected:.2f} %",
-                           f"{100 * np.mean(error > 0.05):.3f} %")
+        depth = measure(case, _SEEDS)
+        figures[preset] = (f"{100 * depth.error.mean():.3f} %",
+                           f"{100 * depth.found / depth.expected:.2f} %",
+                           f"{100 * np.mean(depth.error > 0.05):.3f} %")
     return figures
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from model.optics import render, scenes
+from model.optics.conditions import Conditions
 from model.optics.imager import DARK, PATTERN_US, TEXTURE_US, Charge, Imager, Light, light
 from model.optics.rigs import RIGS, Noise
 
@@ -182,3 +183,15 @@ def test_refuses(call, sentence):
     with pytest.raises(ValueError) as caught:
         call()
     assert str(caught.value) == sentence
+
+
+def test_conditions_are_there_while_the_laser_is_lit():
+    rig, scene = RIGS["small"], scenes.Plane(70.0)
+    plain, before = light(rig, scene, np.random.default_rng(1))
+    falls, truth = light(rig, scene, np.random.default_rng(1), Conditions(ramp=80, dead=2), 1)
+    np.testing.assert_array_equal(falls.visible, plain.visible)
+    added = (falls.infrared - plain.infrared) * PATTERN_US
+    assert 60 < added.max() < 81 and (truth["light"] == 0).sum() == 2
+    assert before["visible"].all() and (~truth["visible"] == (truth["light"] == 0)).all()
+    image = Imager(falls, None).expose(TEXTURE_US, 0)
+    np.testing.assert_array_equal(image, Imager(plain, None).expose(TEXTURE_US, 0))

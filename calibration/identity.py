@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from calibration.mesh_search import TOLERANCE_ANGLE_DEG, TOLERANCE_RELATIVE, MeshSearch
+from calibration.mesh_search import TOLERANCE_RELATIVE, MeshSearch
 from calibration.projector import Projector, predict
 from model.errors import UserError
 
@@ -149,7 +149,7 @@ def identify(planes, nominal, lens):
     if not search.within(vector):
         raise UserError(
             f"The spots of the plane frames fit only a projector too far from the nominal one "
-            f"({_differences(search, vector)}; at most {TOLERANCE_ANGLE_DEG} degrees and "
+            f"({_differences(search, vector)}; at most {search.turn_deg:.1f} degrees and "
             f"{TOLERANCE_RELATIVE:.0%} are believed): correct [projector] in capture.toml.")
 
     # The same spots, numbered a row or a column further: does a believable projector fit?

@@ -16,6 +16,9 @@ __all__ = ["TOLERANCE_ANGLE_DEG", "TOLERANCE_RELATIVE", "MeshSearch"]
 #: 3 % and 1 degree; a numbering that needs more than this is not believed.
 TOLERANCE_ANGLE_DEG = 1.6
 TOLERANCE_RELATIVE = 0.06
+#: How far the photographs may put the principal point wrongly, px. It turns the mesh with it, by
+#: an angle that counts where the focal length is short: 1.4 degrees at 80 px.
+_PRINCIPAL_PX = 2.0
 
 _HALF = 320          # distance maps cover +-320 px about the image centre
 _REACH = 20.0        # a predicted spot farther than this from any real one is simply missing
@@ -42,6 +45,8 @@ class MeshSearch:
         The nominal vector.
     limit : array (7,)
         How far a vector may be from it.
+    turn_deg : :class:`float`
+        That limit for toe-in and tilt, in degrees.
     """
 
     def __init__(self, planes, nominal, lens):
@@ -55,9 +60,11 @@ class MeshSearch:
         self.all_inverse_z = np.repeat(self.inverse_z, [len(spots) for spots in self.positions])
         self.start = nominal.parameters()
         base = float(np.linalg.norm(nominal.base_mm))
-        angle = np.radians(TOLERANCE_ANGLE_DEG)
-        self.limit = np.array([TOLERANCE_RELATIVE * base] * 3
-                              + [TOLERANCE_RELATIVE * self.start[3], angle, angle, angle])
+        self.turn_deg = max(
+            TOLERANCE_ANGLE_DEG, 1 + float(np.degrees(np.arctan(_PRINCIPAL_PX / lens.focal))))
+        turn = np.radians(self.turn_deg)
+        self.limit = np.array([TOLERANCE_RELATIVE * base] * 3 + [
+            TOLERANCE_RELATIVE * self.start[3], np.radians(TOLERANCE_ANGLE_DEG), turn, turn])
 
     def predict(self, vector, plane):
         """Undistorted positions of all beams in one plane, px: (..., beams, 2)."""

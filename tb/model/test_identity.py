@@ -57,3 +57,19 @@ def test_frames_without_spots_are_refused():
     planes, _, nominal, lens = observe(RIGS["endoscope"], 8, missing=1, strays=0, planes=4)
     with pytest.raises(UserError, match="do not form the nominal 7 x 7 mesh"):
         identify(planes, nominal, lens)
+
+
+@pytest.mark.parametrize("name, shift, found", [("small", 1.7, True), ("endoscope", 6.0, False)])
+def test_a_principal_point_that_is_off_turns_the_mesh(name, shift, found):
+    """By 1.2 degrees at 80 px, which is allowed for; at 360 px two pixels are next to nothing."""
+    planes, truth, nominal, lens = observe(RIGS[name], 4, noise=0.1)
+    toe_in = RIGS[name].projector.toe_in_deg - 0.9
+    wrong = replace(lens, principal_u=lens.principal_u + shift)
+    nominal = replace(nominal, toe_in_deg=toe_in)
+    if not found:
+        with pytest.raises(UserError, match=r"toe-in .*; at most 1\.6 degrees"):
+            identify(planes, nominal, wrong)
+        return
+    identity = identify(planes, nominal, wrong)
+    for beams, true in zip(identity.beams, truth, strict=True):
+        assert np.array_equal(beams[true >= 0], true[true >= 0])

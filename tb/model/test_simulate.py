@@ -97,3 +97,9 @@ def test_simulate_leaves_nothing_half_written(tmp_path, capsys, monkeypatch):
     assert cli.main(["simulate", "plane", tmp_path / "out", "--rig", "small"]) == 2
     assert "The disk is full." in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_the_default_seed_of_the_small_rig_calibrates(tmp_path):
+    capture = tmp_path / "capture"
+    assert cli.main(["simulate", "plane", capture, "--rig", "small", "--frames", "1"]) == 0
+    assert cli.main(["calibrate", capture, "-o", tmp_path / "calibration.json"]) == 0

@@ -7,12 +7,13 @@ import numpy as np
 from calibration.file import Beam, Calibration
 from calibration.identity import Identity, identify
 from calibration.lens import LensReport, calibrate_lens
-from calibration.lines import BeamLines, Observations, check_planes, fit_lines
+from calibration.lines import BeamLines, Observations, fit_lines
 from calibration.reciprocal import reciprocal_table
 from calibration.remap import remap_settings
 from calibration.spots import plane_spots
 from calibration.tables import Tables, Windows, build_tables, choose_windows
 from calibration.undistortion import undistortion_settings
+from calibration.usable import drop_scattered, relative_areas, remarks, usable_beams
 from model.errors import UserError
 from model.preprocessing.centre import centres
 from model.preprocessing.spot_queue import QUEUED_DTYPE
@@ -88,6 +89,18 @@ def with_lens(settings, lens):
                    **undistortion_settings(lens))
 
 
+def _fit_usable(observations, identity, lens):
+    """Usable beams and their lines; beams whose spots scatter are left out, and the rest refitted.
+    """
+    usable = usable_beams(observations, identity.projector, identity.expected)
+    while True:
+        lines = fit_lines(usable.observations, lens)
+        fewer = drop_scattered(usable, lines, identity.projector)
+        if fewer is usable:
+            return usable, lines
+        usable = fewer
+
+
 def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
     """Everything after the spots: identity, lines, windows, tables.
 
@@ -116,10 +129,9 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
                         "positive and less than --depth-max.")
     identity = identify(planes, nominal, lens)
     observations = Observations.of(planes, identity, lens)
-    check_planes(observations, nominal.columns)
-    lines = fit_lines(observations, lens)
+    usable, lines = _fit_usable(observations, identity, lens)
     windows = choose_windows(lines, nominal.columns, z_min, z_max)
-    tables = build_tables(lines, windows, nominal.columns)
+    tables = build_tables(lines, windows, nominal.columns, nominal.beams)
     settings = replace(settings, line=tables.line, window=tables.window, depth=tables.depth)
 
     # The mean magnitude of a normal error is 0.8 sigma; 1/z is uniform over the range.
@@ -135,22 +147,31 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
         "centre_px": _centre_error(settings.reciprocal, lens.width),
         "undistortion_px": _undistortion_error(lens, settings),
         "line_px": tables.line_px, "depth_relative": tables.depth_relative}
-    beams = tuple(
-        Beam(a=float(lines.a[beam]), b=float(lines.b[beam]), alpha=float(lines.alpha[beam]),
-             beta=float(lines.beta[beam]), u_min=float(windows.low[beam]),
-             u_max=float(windows.high[beam]), tolerance=float(windows.tolerance[beam]),
-             separation=float(windows.separation[beam])
-             if np.isfinite(windows.separation[beam]) else None,
-             residual_u=float(lines.residual_u[beam]), residual_v=float(lines.residual_v[beam]),
-             planes=int(lines.planes[beam]))
-        for beam in range(nominal.beams))
+    areas = relative_areas(planes, identity.beams, nominal.beams)
     calibration = Calibration(
-        lens=lens, projector=identity.projector, beams=beams, settings=settings,
+        lens=lens, projector=identity.projector, settings=settings,
+        beams=_beams(lines, windows, areas, nominal.beams),
+        remarks=remarks(usable, areas, identity, len(set(distances))),
         inverse_z_unit=tables.inverse_z_unit, z_min=float(z_min), z_max=float(z_max),
         budget=budget)
     return Result(calibration=calibration, lens_report=lens_report, planes=tuple(planes),
-                  identity=identity, observations=observations, lines=lines, windows=windows,
-                  tables=tables)
+                  identity=identity, observations=usable.observations, lines=lines,
+                  windows=windows, tables=tables)
+
+
+def _beams(lines, windows, areas, count):
+    """What the file says of each of ``count`` beams; None for those without a line."""
+    result = [None] * count
+    for index, number in enumerate(lines.numbers):
+        separation = float(windows.separation[index])
+        result[number] = Beam(
+            a=float(lines.a[index]), b=float(lines.b[index]), alpha=float(lines.alpha[index]),
+            beta=float(lines.beta[index]), u_min=float(windows.low[index]),
+            u_max=float(windows.high[index]), tolerance=float(windows.tolerance[index]),
+            separation=separation if np.isfinite(separation) else None,
+            residual_u=float(lines.residual_u[index]), residual_v=float(lines.residual_v[index]),
+            relative_area=float(areas[number]), planes=int(lines.planes[index]))
+    return tuple(result)
 
 
 def calibrate(capture, options, progress=None):

@@ -119,6 +119,13 @@ class Section:
             self.refuse(key, f"one of {', '.join(choices)}")
         return value
 
+    def text(self, key, most):
+        """A text of so many characters at the most."""
+        value = self._content[key]
+        if not isinstance(value, str) or len(value) > most:
+            self.refuse(key, f"a text of up to {most} characters")
+        return value
+
     def figures(self):
         """All values, which must be finite numbers, or null for one that could not be had."""
         for key, value in self._content.items():

@@ -16,6 +16,8 @@ __all__ = ["checked_content"]
 #: Lengths in mm or pixels, and anything else that is a plain number.
 _MOST_LENGTH, _MOST_NUMBER = 1e6, 1e9
 _MOST_BEAMS = 128
+#: Characters of a remark.
+_MOST_TEXT = 400
 
 
 def _names(kind):
@@ -48,6 +50,9 @@ def _projector(content):
 
 
 def _beam(number, content, names):
+    """Values of a beam, or None for one that was left out."""
+    if content is None:
+        return None
     section = Section(f"beam {number}", content, names)
     values = {name: section.number(name, -_MOST_NUMBER, _MOST_NUMBER) for name in names
               if name not in ("separation", "planes")}
@@ -55,6 +60,14 @@ def _beam(number, content, names):
     if values["separation"] is not None:
         section.number("separation", 0, _MOST_NUMBER)
     return {**values, "planes": section.integer("planes", 0, 1_000_000)}
+
+
+def _remarks(content, beams):
+    """Texts by the numbers of beams."""
+    section = Section("remarks", content, tuple(content) if isinstance(content, dict) else ())
+    numbers = [str(number) for number in range(beams)]
+    return {int(key): section.text(key, _MOST_TEXT) for key in content
+            if key in numbers or section.refuse(key, "of a beam of the mesh")}
 
 
 def _settings(content, beams, lens):
@@ -108,7 +121,7 @@ def checked_content(content, beam_names):
     """
     section = Section("the file", content, (
         "format", "version", "sensor", "units", "lens", "projector", "depth_range",
-        "inverse_z_unit", "budget", "beams", "settings", "crc32"))
+        "inverse_z_unit", "budget", "remarks", "beams", "settings", "crc32"))
     lens = _lens(section.value("sensor"), section.value("lens"))
     projector = _projector(section.value("projector"))
     z_min, z_max = section.numbers("depth_range", 2, 0, _MOST_LENGTH)
@@ -117,10 +130,13 @@ def checked_content(content, beam_names):
     beams = section.value("beams")
     if not isinstance(beams, list) or len(beams) != projector.beams:
         section.refuse("beams", f"a list of {projector.beams} beams")
+    beams = [_beam(number, beam, beam_names) for number, beam in enumerate(beams)]
+    if not any(beams):
+        section.refuse("beams", "a list with at least one beam")
     budget = section.value("budget")
     return {
         "lens": lens, "projector": projector,
-        "beams": [_beam(number, beam, beam_names) for number, beam in enumerate(beams)],
+        "beams": beams, "remarks": _remarks(section.value("remarks"), len(beams)),
         "settings": _settings(section.value("settings"), projector.beams, lens),
         "inverse_z_unit": section.number("inverse_z_unit", 1e-15, 1),
         "z_min": z_min, "z_max": z_max,

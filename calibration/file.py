@@ -39,7 +39,8 @@ class Beam:
 
     ``u_min`` to ``u_max`` is its window and ``tolerance`` the largest distance from its line;
     ``separation`` is the distance to the nearest line that shares columns (None if there is none).
-    ``residual_u`` and ``residual_v`` are RMS over the ``planes`` distances that were used.
+    ``residual_u`` and ``residual_v`` are RMS over the ``planes`` distances that were used;
+    ``relative_area`` is the size of its spots, 1 being usual.
     """
 
     a: float
@@ -52,6 +53,7 @@ class Beam:
     separation: float | None
     residual_u: float
     residual_v: float
+    relative_area: float
     planes: int
 
 
@@ -65,8 +67,8 @@ class Calibration:
         Camera and sensor size.
     projector : :class:`calibration.projector.Projector`
         The fitted mesh.
-    beams : tuple of :class:`Beam`
-        In order of their numbers.
+    beams : tuple of :class:`Beam` or None
+        In order of their numbers; None is a beam that was left out, which no spot matches.
     settings : :class:`model.settings.Settings`
         What RTL and golden model are loaded with.
     inverse_z_unit : :class:`float`
@@ -75,6 +77,8 @@ class Calibration:
         Depth range in mm, without the windows' margin.
     budget : :class:`dict`
         What was measured: RMS of lens and lines, rounding errors.
+    remarks : :class:`dict`
+        From numbers of beams to texts: why one was left out, or what is unusual about it.
     """
 
     lens: Lens
@@ -85,6 +89,12 @@ class Calibration:
     z_min: float
     z_max: float
     budget: dict = field(repr=False)
+    remarks: dict = field(default_factory=dict)
+
+    @property
+    def left_out(self):
+        """Numbers of the beams that were left out."""
+        return tuple(number for number, beam in enumerate(self.beams) if beam is None)
 
     @property
     def width(self):
@@ -133,10 +143,11 @@ def encode(calibration):
         "format": FORMAT, "version": VERSION, "sensor": sensor, "units": _UNITS, "lens": lens,
         "projector": asdict(calibration.projector),
         "depth_range": [calibration.z_min, calibration.z_max],
-        "inverse_z_unit": calibration.inverse_z_unit, "budget": calibration.budget})
+        "inverse_z_unit": calibration.inverse_z_unit, "budget": calibration.budget,
+        "remarks": {str(beam): text for beam, text in calibration.remarks.items()}})
     lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)},"
              for key, value in content.items()]
-    beams = ",\n".join(json.dumps(_plain(asdict(beam)), allow_nan=False)
+    beams = ",\n".join(json.dumps(_plain(asdict(beam)) if beam else None, allow_nan=False)
                        for beam in calibration.beams)
     # The table of the whole image follows from the lens: the file only says that there is one.
     settings = asdict(replace(calibration.settings, remap=()))
@@ -188,7 +199,7 @@ def decode(data, name="The calibration"):
         values = checked_content(content, [each.name for each in fields(Beam)])
     except InvalidError as error:
         raise UserError(f"{name} cannot be used ({error}): {again}") from error
-    beams = tuple(Beam(**beam) for beam in values.pop("beams"))
+    beams = tuple(None if beam is None else Beam(**beam) for beam in values.pop("beams"))
     return Calibration(beams=beams, **values)
 
 

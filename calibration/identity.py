@@ -20,6 +20,10 @@ __all__ = ["Identity", "PlaneSpots", "identify"]
 #: Any other numbering must leave so many spots more unexplained, and so large a share of all.
 MARGIN_SPOTS = 8
 MARGIN_SHARE = 0.01
+#: A mesh with a smaller share of usable beams is not the one that was described.
+USABLE_SHARE = 0.5
+#: A beam found in no more than this share of the planes that should show it may be dead.
+_DEAD_SHARE = 1 / 3
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,8 @@ class Identity:
     margin : :class:`float`
         Number of spots that the next best numbering leaves unexplained in addition; inf if the
         tolerances allow no other.
+    expected : array (beams,) of :class:`int`
+        Number of distances at which the fitted mesh has each beam's spot inside the picture.
     """
 
     projector: Projector
@@ -74,6 +80,7 @@ class Identity:
     rms_px: float
     matched: float
     margin: float
+    expected: np.ndarray
 
 
 def _check_border(search, vector, beams):
@@ -144,7 +151,7 @@ def identify(planes, nominal, lens):
     for start in search.coarse():
         keep(*search.refine(start))
     (cost, count, _), vector, beams = min(found.values(), key=lambda item: item[0])
-    rms, matched = _fit(search, vector, beams, count)
+    rms, matched, expected = _fit(search, vector, beams, count)
     _check_border(search, vector, beams)
     if not search.within(vector):
         raise UserError(
@@ -172,24 +179,35 @@ def identify(planes, nominal, lens):
             "a column further they fit the nominal projector as well. Give its angles in "
             "capture.toml more exactly, or show a border of the mesh in the picture.")
     return Identity(projector=nominal.with_parameters(vector), beams=tuple(beams), rms_px=rms,
-                    matched=matched, margin=margin)
+                    matched=matched, margin=margin, expected=expected)
 
 
 def _fit(search, vector, beams, count):
-    """RMS distance in px and share of matched spots; refuses a mesh that is not there."""
+    """RMS distance in px, share of matched spots and distances that should show each beam.
+
+    Refuses a mesh that is not there. Beams that are hardly ever found may be dead: the share of the
+    spots is that of the others, which must be most of the mesh.
+    """
     nominal, planes = search.nominal, search.planes
-    predicted = sum(int(search.inside(search.predict(vector, plane)).sum())
-                    for plane in range(len(planes)))
-    matched = min(count / max(predicted, 1), 1.0)
+    inside = np.array([search.inside(search.predict(vector, plane))
+                       for plane in range(len(planes))])
+    found = np.array([np.isin(np.arange(nominal.beams), beam) for beam in beams])
+    shown = inside.sum(axis=0)
+    alive = (found & inside).sum(axis=0) > _DEAD_SHARE * shown
+    predicted = int(inside[:, alive].sum())
+    matched = min(int((found & inside)[:, alive].sum()) / max(predicted, 1), 1.0)
     rms = float(np.sqrt(np.mean(np.sum(search.residuals(vector, beams) ** 2, axis=1)))
                 ) if count else float("inf")
-    if count < 8 or matched < 0.6:
+    if count < 8 or matched < 0.6 or alive.sum() < USABLE_SHARE * (shown > 0).sum():
+        predicted = int(inside.sum())
         raise UserError(
             f"The spots of the plane frames do not form the nominal {nominal.rows} x "
             f"{nominal.columns} mesh (only {count} of {predicted} expected spots are where a "
             "projector like that puts them): check [projector] in capture.toml and z_mm in "
             "planes.csv, or set another threshold.")
-    return rms, matched
+    distances = np.array([plane.z_mm for plane in planes])
+    expected = np.array([len(np.unique(distances[column])) for column in inside.T])
+    return rms, matched, expected
 
 
 def _differences(search, vector):

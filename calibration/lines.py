@@ -20,10 +20,8 @@ import numpy as np
 
 from model.errors import UserError
 
-__all__ = ["BeamLines", "Observations", "check_planes", "fit_lines"]
+__all__ = ["BeamLines", "Observations", "fit_lines"]
 
-#: A line through fewer planes has nothing left to be checked with.
-MIN_PLANES = 4
 _HUBER = 1.5
 _OUTLIER = 6.0
 _STRENGTHS = (0.0, 0.3, 1.0, 3.0, 10.0, np.inf)
@@ -31,9 +29,12 @@ _STRENGTHS = (0.0, 0.3, 1.0, 3.0, 10.0, np.inf)
 
 @dataclass(frozen=True)
 class Observations:
-    """Assigned spots of all planes, one row each: beam, plane, 1/z, undistorted position."""
+    """Assigned spots of all planes, one row each: beam, plane, 1/z, undistorted position.
 
-    beams: int
+    ``numbers`` are the beams' numbers in the mesh; ``beam`` is an index into them.
+    """
+
+    numbers: np.ndarray
     beam: np.ndarray
     plane: np.ndarray
     inverse_z: np.ndarray
@@ -52,12 +53,24 @@ class Observations:
             inverse_z.append(np.full(used.sum(), 1 / spots.z_mm))
             x.append(spots.x[used] - lens.principal_x)
             y.append(spots.y[used] - lens.principal_y)
-        return cls(identity.projector.beams, *(np.concatenate(part) for part in
-                                               (beam, plane, inverse_z, x, y)))
+        return cls(np.arange(identity.projector.beams),
+                   *(np.concatenate(part) for part in (beam, plane, inverse_z, x, y)))
+
+    @property
+    def beams(self):
+        """Number of beams."""
+        return len(self.numbers)
 
     def planes_of(self, beam):
         """Number of distances at which a beam was found."""
         return len(np.unique(self.plane[self.beam == beam]))
+
+    def only(self, kept):
+        """The observations of some of the beams, given by a flag each."""
+        row = kept[self.beam]
+        return Observations(
+            self.numbers[kept], (np.cumsum(kept) - 1)[self.beam[row]], self.plane[row],
+            self.inverse_z[row], self.x[row], self.y[row])
 
 
 @dataclass(frozen=True)
@@ -66,6 +79,8 @@ class BeamLines:
 
     Parameters
     ----------
+    numbers : array of :class:`int`
+        The beams' numbers in the mesh, rising; beams that were left out have no line.
     a, b, alpha, beta : arrays of :class:`float`
         v = a u + b and 1/z = alpha u + beta.
     residual_u, residual_v : arrays of :class:`float`
@@ -84,6 +99,7 @@ class BeamLines:
         Spots left out.
     """
 
+    numbers: np.ndarray = field(repr=False)
     a: np.ndarray
     b: np.ndarray
     alpha: np.ndarray
@@ -101,25 +117,6 @@ class BeamLines:
     def column_at(self, z_mm):
         """Undistorted column of every beam at distance z."""
         return (1 / z_mm - self.beta) / self.alpha
-
-
-def check_planes(observations, columns):
-    """Raise :class:`UserError` unless every beam was found in at least four planes."""
-    distances = len(np.unique(observations.plane))
-    if distances < MIN_PLANES:
-        raise UserError(
-            f"The plane frames show {distances} distance{'s' * (distances != 1)}, at least "
-            f"{MIN_PLANES} different ones are needed: add frames to planes/planes.csv.")
-    found = [observations.planes_of(beam) for beam in range(observations.beams)]
-    few = [beam for beam, count in enumerate(found) if count < MIN_PLANES]
-    if few:
-        named = ", ".join(f"{beam} (row {beam // columns}, column {beam % columns}: {found[beam]})"
-                          for beam in few[:12])
-        more = f" and {len(few) - 12} more" if len(few) > 12 else ""
-        raise UserError(
-            f"{'Beam' if len(few) == 1 else 'Beams'} {named}{more} "
-            f"{'is' if len(few) == 1 else 'are'} seen in fewer than {MIN_PLANES} planes: move the "
-            "planes so that every beam stays in the picture, or set another threshold.")
 
 
 def _common(data, weight):
@@ -241,7 +238,7 @@ def fit_lines(observations, lens):
     Parameters
     ----------
     observations : :class:`Observations`
-        Assigned spots; :func:`check_planes` must have passed.
+        Assigned spots of the beams that :func:`calibration.usable.usable_beams` leaves.
     lens : :class:`calibration.lens.Lens`
         The lens that undistorted them.
 
@@ -274,7 +271,8 @@ def fit_lines(observations, lens):
     # A beam's spots spend two unknowns on each of the fits.
     freedom = np.sqrt(keep.sum() / max(keep.sum() - 2 * data.beams, 1))
     return BeamLines(
-        a=a, b=r - a * p, alpha=1 / q, beta=-p / q, residual_u=each(error_x), residual_v=each(off),
+        numbers=data.numbers, a=a, b=r - a * p, alpha=1 / q, beta=-p / q,
+        residual_u=each(error_x), residual_v=each(off),
         planes=planes, rms_px=float(np.sqrt(np.mean(off[keep] ** 2))),
         sigma_u=float(freedom * 1.4826 * np.median(np.abs(error_x[keep]))),
         sigma_v=float(freedom * 1.4826 * np.median(np.abs(off[keep]))),

@@ -17,13 +17,13 @@ def _draw_lines(axes, result):
     """Spots of all planes in the image, and each beam's line over its window."""
     calibration, lines, windows = result.calibration, result.lines, result.windows
     lens, colours = calibration.lens, _beam_colours(calibration.projector.beams)
-    for beam, colour in enumerate(colours):
+    for beam, colour in enumerate(colours[lines.numbers]):
         u = np.linspace(windows.low[beam], windows.high[beam], 40)
         image = lens.distort(u, lines.a[beam] * u + lines.b[beam])
         axes.plot(*image, color=colour, linewidth=0.9, zorder=1)
         far = min(0, 39, key=lambda end: lines.alpha[beam] * u[end])
-        axes.annotate(str(beam), (image[0][far], image[1][far]), fontsize=6, color="0.35",
-                      ha="right" if lines.alpha[beam] > 0 else "left", va="center",
+        axes.annotate(str(lines.numbers[beam]), (image[0][far], image[1][far]), fontsize=6,
+                      color="0.35", ha="right" if lines.alpha[beam] > 0 else "left", va="center",
                       xytext=(-2 if lines.alpha[beam] > 0 else 2, 0),
                       textcoords="offset points")
     stray = 0
@@ -68,14 +68,17 @@ def _draw_residuals(axes, result):
 def _draw_mesh(axes, result):
     """RMS distance from the line of every beam, laid out as the mesh."""
     calibration, lines = result.calibration, result.lines
-    residual = lines.residual_v.reshape(calibration.rows, calibration.columns)
+    residual = np.full(calibration.rows * calibration.columns, np.nan)
+    residual[lines.numbers] = lines.residual_v
+    residual = residual.reshape(calibration.rows, calibration.columns)
     picture = axes.imshow(residual, cmap="magma", vmin=0)
     if residual.size > 100:
         axes.figure.colorbar(picture, ax=axes, label="px RMS", shrink=0.8)
     else:
         for (row, column), value in np.ndenumerate(residual):
-            axes.text(column, row, f"{1000 * value:.0f}", ha="center", va="center", fontsize=7,
-                      color="white" if value < 0.6 * residual.max() else "black")
+            text = "none" if np.isnan(value) else f"{1000 * value:.0f}"
+            axes.text(column, row, text, ha="center", va="center", fontsize=7,
+                      color="white" if value < 0.6 * lines.residual_v.max() else "black")
     axes.set(xlabel="column", ylabel="row",
              title="RMS distance from the line, beam by beam"
                    + (", 1/1000 px" if residual.size <= 100 else ""))

@@ -5,7 +5,7 @@ import math
 from rich import box
 from rich.table import Table
 
-__all__ = ["beams_table", "summary_table"]
+__all__ = ["beam_remarks", "beams_table", "summary_table"]
 
 #: The largest error that the chip's undistortion is meant to have.
 _UNDISTORTION_PX = 0.01
@@ -55,7 +55,12 @@ def summary_table(result):
                   f"distance of the spots from their lines; {lines.outliers} outliers left out")
     worst = int(lines.residual_v.argmax())
     table.add_row("worst beam", f"{lines.residual_v[worst]:.3f} px RMS",
-                  f"beam {worst}; every beam was found in {int(lines.planes.min())} planes or more")
+                  f"beam {lines.numbers[worst]}; every beam that is used was found in "
+                  f"{int(lines.planes.min())} planes or more")
+    if calibration.left_out:
+        table.add_row("left out", f"{len(calibration.left_out)} beams",
+                      "no spot will match them: "
+                      + _names([str(beam) for beam in calibration.left_out], 12))
     table.add_row("held out", f"{budget['held_out_px']:.3f} px RMS",
                   "error along u of each plane predicted from the others"
                   f" ({budget['held_out_free_px']:.3f} px with every beam on its own)")
@@ -85,6 +90,7 @@ def summary_table(result):
 def beams_table(result):
     """RMS distance of each beam's spots from its line, laid out as the mesh."""
     calibration, lines = result.calibration, result.lines
+    index = {number: index for index, number in enumerate(lines.numbers.tolist())}
     table = _table("RMS distance of the spots from their line, 1/1000 px (planes)")
     for column in range(calibration.columns):
         table.add_column(str(column), justify="right", no_wrap=True)
@@ -93,9 +99,20 @@ def beams_table(result):
         cells = []
         for column in range(calibration.columns):
             beam = row * calibration.columns + column
-            residual = lines.residual_v[beam]
+            if beam not in index:
+                cells.append("[bold red]none[/bold red]")
+                continue
+            residual = lines.residual_v[index[beam]]
             style = "bold red" if residual > 4 * usual else "yellow" if residual > 2 * usual else ""
-            text = f"{1000 * residual:.0f} [dim]({int(lines.planes[beam])})[/dim]"
+            text = f"{1000 * residual:.0f} [dim]({int(lines.planes[index[beam]])})[/dim]"
             cells.append(f"[{style}]{text}[/{style}]" if style else text)
         table.add_row(str(row), *cells)
     return table
+
+
+def beam_remarks(result):
+    """A sentence for each beam that was left out or is unusual."""
+    calibration = result.calibration
+    return [f"Beam {beam} (row {beam // calibration.columns}, column "
+            f"{beam % calibration.columns}): {text}."
+            for beam, text in sorted(calibration.remarks.items())]

@@ -71,7 +71,7 @@ class Windows:
         Vertical distance to the nearest line whose spots can be within this beam's window, also
         from outside the depth range; inf if there is none.
     neighbour : array of :class:`int`
-        The beam of that line, -1 if there is none.
+        The number of that line's beam, -1 if there is none.
     smallest_px, smallest_whole_px : :class:`float`
         Smallest separation of all, and as if there were no u-windows.
     z_min, z_max : :class:`float`
@@ -90,6 +90,7 @@ class Windows:
 
 
 def _named(beams, columns, limit=8):
+    """Numbers of beams with their rows and columns, in words."""
     words = [f"{beam} (row {beam // columns}, column {beam % columns})" for beam in beams[:limit]]
     return ", ".join(words) + (f" and {len(beams) - limit} more" if len(beams) > limit else "")
 
@@ -116,18 +117,19 @@ def choose_windows(lines, columns, z_min, z_max):
     low, high = np.maximum(low, -255.9), np.minimum(high, 255.9)
     outside = np.flatnonzero(low >= high)
     if len(outside):
-        raise UserError(f"Beams {_named(outside, columns)} never come within 256 px of the image "
-                        "centre: turn the projector, or take it for another depth range.")
+        raise UserError(
+            f"Beams {_named(lines.numbers[outside], columns)} never come within 256 px of the "
+            "image centre: turn the projector, or take it for another depth range.")
     near, far = lines.column_at(z_min / NEAR_GUARD), -lines.beta / lines.alpha
     distance = separations(lines.a, lines.b, low, high, np.minimum(near, far),
                            np.maximum(near, far))
     separation, neighbour = distance.min(axis=1), distance.argmin(axis=1)
-    neighbour = np.where(np.isinf(separation), -1, neighbour)
     limit = max(SEPARATION_PX, SEPARATION_SIGMAS * lines.sigma_v)
     close = np.flatnonzero(separation < limit)
     if len(close):
         pairs = sorted({tuple(sorted((int(beam), int(neighbour[beam])))) for beam in close})
-        words = ", ".join(f"{one} and {other} ({distance[one, other]:.2f} px)"
+        number = lines.numbers
+        words = ", ".join(f"{number[one]} and {number[other]} ({distance[one, other]:.2f} px)"
                           for one, other in pairs[:8])
         more = f" and {len(pairs) - 8} more pairs" if len(pairs) > 8 else ""
         raise UserError(
@@ -139,7 +141,8 @@ def choose_windows(lines, columns, z_min, z_max):
     cap = max(TOLERANCE_PX, TOLERANCE_SIGMAS * lines.sigma_v)
     tolerance = np.minimum(np.minimum(separation / 2, cap), 511 / TOLERANCE_PIXEL)
     return Windows(low=low, high=high, tolerance=tolerance, separation=separation,
-                   neighbour=neighbour, smallest_px=float(separation.min()),
+                   neighbour=np.where(np.isinf(separation), -1, lines.numbers[neighbour]),
+                   smallest_px=float(separation.min()),
                    smallest_whole_px=float(whole.min()), z_min=float(z_min), z_max=float(z_max))
 
 
@@ -167,11 +170,12 @@ class Tables:
     depth_relative: float
 
 
-def build_tables(lines, windows, columns):
+def build_tables(lines, windows, columns, beams):
     """Quantise lines, windows and depth laws, and measure the rounding errors.
 
     Every second parameter of a pair is chosen after the first has been rounded, so that the error
-    is smallest over the beam's own window. Raises :class:`UserError` for beams that do not fit the
+    is smallest over the beam's own window. A beam without a line gets words of zero: a tolerance of
+    zero, so that no spot ever matches it. Raises :class:`UserError` for beams that do not fit the
     formats.
 
     Parameters
@@ -180,8 +184,8 @@ def build_tables(lines, windows, columns):
         Beams in float.
     windows : :class:`Windows`
         Their windows and tolerances.
-    columns : :class:`int`
-        Columns of the mesh, to name beams.
+    columns, beams : :class:`int`
+        Columns of the mesh, to name beams, and the number of all its beams.
 
     Returns
     -------
@@ -195,9 +199,9 @@ def build_tables(lines, windows, columns):
     steep = np.flatnonzero((np.abs(slope) >= 1 << 17) | (np.abs(offset) >= 1 << 17))
     if len(steep):
         raise UserError(
-            f"The epipolar lines of beams {_named(steep, columns)} are too steep, or meet the "
-            "middle column more than 256 px from the image centre: the projector must stand beside "
-            "the camera along the rows of the sensor.")
+            f"The epipolar lines of beams {_named(lines.numbers[steep], columns)} are too steep, "
+            "or meet the middle column more than 256 px from the image centre: the projector must "
+            "stand beside the camera along the rows of the sensor.")
     u_min = np.clip(np.floor(low * WINDOW_PIXEL), -4096, 4095).astype(np.int64)
     u_max = np.clip(np.ceil(high * WINDOW_PIXEL), -4096, 4095).astype(np.int64)
     tolerance = np.clip(np.floor(windows.tolerance * TOLERANCE_PIXEL), 1, 511).astype(np.int64)
@@ -209,8 +213,9 @@ def build_tables(lines, windows, columns):
     inverse_z = lines.alpha * ends + lines.beta
     unreal = np.flatnonzero((inverse_z <= 0).any(axis=0))
     if len(unreal):
-        raise UserError(f"The windows of beams {_named(unreal, columns)} reach beyond infinite "
-                        "distance: narrow the depth range (--depth-max).")
+        raise UserError(
+            f"The windows of beams {_named(lines.numbers[unreal], columns)} reach beyond infinite "
+            "distance: narrow the depth range (--depth-max).")
     # Rounding alpha moves 1/z by up to 64 LSB at the end of the widest window.
     unit = max(inverse_z.max() / (INVERSE_Z_LIMIT - 66),
                np.abs(lines.alpha).max() / PIXEL / (((1 << 17) - 1) / 4096)) * (1 + 1e-9)
@@ -239,7 +244,9 @@ def build_tables(lines, windows, columns):
             f"at most {INVERSE_Z_ERROR:.0e}): narrow it (--depth-min, --depth-max).")
 
     def words(values):
-        return tuple(int(value) for value in values)
+        whole = np.zeros((beams, len(values) // len(lines.numbers)), np.int64)
+        whole[lines.numbers] = np.reshape(values, (-1, whole.shape[1]))
+        return tuple(int(value) for value in whole.ravel())
 
     return Tables(line=words(line), window=words(pack_window(tolerance, u_min, u_max)),
                   depth=words(depth), inverse_z_unit=float(unit), line_px=line_px,

@@ -108,7 +108,7 @@ def main(arguments):
 
     from calibration.calibrate import Options, calibrate
     from calibration.file import save
-    from calibration.report import beams_table, summary_table
+    from calibration.report import beam_remarks, beams_table, summary_table
 
     capture = read_capture(arguments.capture)
     options = Options(settings=settings, depth_min=arguments.depth_min,
@@ -135,7 +135,7 @@ def main(arguments):
         save(result.calibration, output)
     console.print(summary_table(result))
     console.print(beams_table(result))
-    for note in capture.notes:
+    for note in [*beam_remarks(result), *capture.notes]:
         console.print(f"! {note}", style="yellow", markup=False, highlight=False)
     written = f"{output}" + (f" and {picture}" if arguments.picture else "")
     console.print(f"calibration in {written}", highlight=False, markup=False)

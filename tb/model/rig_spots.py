@@ -7,9 +7,10 @@ import numpy as np
 
 from calibration.identity import PlaneSpots, identify
 from calibration.lens import Lens
-from calibration.lines import Observations, check_planes, fit_lines
+from calibration.lines import Observations, fit_lines
 from calibration.projector import Projector
 from calibration.tables import build_tables, choose_windows
+from calibration.usable import usable_beams
 from model.capsule import Capsule
 from model.optics import render, scenes
 from model.optics.rigs import RIGS
@@ -59,9 +60,10 @@ def observe(rig, seed, noise=0.03, missing=0.03, strays=3, planes=10):
 def fitted(rig, seed, **options):
     """Lines of a rig from :func:`observe`."""
     planes, _, nominal, lens = observe(rig, seed, **options)
-    observations = Observations.of(planes, identify(planes, nominal, lens), lens)
-    check_planes(observations, nominal.columns)
-    return planes, lens, fit_lines(observations, lens)
+    identity = identify(planes, nominal, lens)
+    observations = Observations.of(planes, identity, lens)
+    usable = usable_beams(observations, nominal, identity.expected)
+    return planes, lens, fit_lines(usable.observations, lens)
 
 
 @cache
@@ -69,7 +71,7 @@ def endoscope():
     """Lens, lines, windows and tables of the rig endoscope."""
     planes, lens, lines = fitted(RIGS["endoscope"], 5)
     windows = choose_windows(lines, 7, planes[-1].z_mm, planes[0].z_mm)
-    return lens, lines, windows, build_tables(lines, windows, 7)
+    return lens, lines, windows, build_tables(lines, windows, 7, 49)
 
 
 @cache

@@ -22,7 +22,8 @@ def calibration():
     beams = tuple(
         file.Beam(a=lines.a[k], b=lines.b[k], alpha=lines.alpha[k], beta=lines.beta[k],
                   u_min=windows.low[k], u_max=windows.high[k], tolerance=windows.tolerance[k],
-                  separation=None, residual_u=0.1, residual_v=0.1, planes=8) for k in range(49))
+                  separation=None, residual_u=0.1, residual_v=0.1, relative_area=1.0,
+                  planes=8) for k in range(49))
     settings = Settings(radial=tuple(range(RADIAL_WORDS)), line=tables.line, window=tables.window,
                         reciprocal=tuple(range(RECIPROCAL_WORDS)), depth=tables.depth)
     return file.Calibration(
@@ -44,6 +45,18 @@ def test_file_gives_back_what_it_was_given(calibration, tmp_path):
         calibration, settings=replace(calibration.settings, remap=remap_table(calibration.lens)))
     file.save(remapped, path)
     assert file.load(path) == remapped
+
+
+def test_beams_that_were_left_out(calibration, tmp_path):
+    path = tmp_path / "calibration.json"
+    beams = tuple(None if number in (3, 40) else beam
+                  for number, beam in enumerate(calibration.beams))
+    some = replace(calibration, beams=beams, remarks={3: "left out: dead", 7: "overbright"})
+    file.save(some, path)
+    assert file.load(path) == some and some.left_out == (3, 40)
+    file.save(replace(some, beams=(None,) * 49), path)
+    with pytest.raises(UserError, match="a list with at least one beam"):
+        file.load(path)
 
 
 def test_every_flipped_bit_is_refused(calibration):
@@ -96,7 +109,9 @@ def test_missing_file_and_folder_are_refused(tmp_path, calibration):
     (b'"cyclope calibration"', b'"something else"', "is not a calibration file"),
     (b'"inverse_z_unit"', b'"unit"', "the file lacks inverse_z_unit"),
     (b'"erosion": "gate"', b'"erosion": "what"', "erosion of settings must be one of off, erode"),
-    (b'"rows": 7', b'"rows": 8', "beams of the file must be a list of 56 beams")])
+    (b'"rows": 7', b'"rows": 8', "beams of the file must be a list of 56 beams"),
+    (b'"remarks": {}', b'"remarks": {"49": "dead"}', "49 of remarks must be of a beam of the mesh"),
+    (b'"remarks": {}', b'"remarks": {"4": 1}', "4 of remarks must be a text of up to 400")])
 def test_other_files_with_a_good_check_sum_are_refused(calibration, old, new, message):
     body = file.encode(calibration).split(b'"crc32"')[0].replace(old, new)
     with pytest.raises(UserError, match=message):

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.identity import identify
-from calibration.lines import Observations, check_planes, fit_lines
-from model.errors import UserError
+from calibration.lines import Observations, fit_lines
 from model.optics.geometry import beam_lines
 from model.optics.rigs import RIGS
 from tb.model.rig_spots import fitted, observe
@@ -50,22 +49,3 @@ def test_outliers_do_not_move_the_lines():
     assert lines.outliers >= 0.9 * wrong.sum()
     for z in (40, 60, 110):
         assert np.abs(lines.column_at(z) - exact.column_at(z)).max() < 0.06
-
-
-def test_too_few_planes_are_refused():
-    planes, _, nominal, lens = observe(RIGS["endoscope"], 14, planes=3)
-    data = Observations.of(planes, identify(planes, nominal, lens), lens)
-    with pytest.raises(UserError, match="show 3 distances, at least 4 different"):
-        check_planes(data, 7)
-
-
-def test_beams_in_too_few_planes_are_named():
-    planes, _, nominal, lens = observe(RIGS["endoscope"], 15, strays=0, missing=0)
-    identity = identify(planes, nominal, lens)
-    data = Observations.of(planes, identity, lens)
-    keep = ~(np.isin(data.beam, (10, 48)) & (data.plane >= 3))
-    data = replace(data, **{name: getattr(data, name)[keep]
-                            for name in ("beam", "plane", "inverse_z", "x", "y")})
-    with pytest.raises(UserError, match=r"Beams 10 \(row 1, column 3: 3\), 48 \(row 6, column 6: "
-                                        r"3\) are seen in fewer than 4 planes"):
-        check_planes(data, 7)

@@ -77,4 +77,4 @@ def test_depth_range_to_infinity_is_refused():
     _, lines, windows, _ = endoscope()
     endless = replace(windows, low=windows.low - 60)
     with pytest.raises(UserError, match="beyond infinite distance"):
-        build_tables(lines, endless, 7)
+        build_tables(lines, endless, 7, 49)

@@ -29,7 +29,7 @@ def any_calibration(width=64, height=64, rows=3, columns=3, seed=1, **changes):
                             level_fixed=60, **changes)
     lens = Lens(width, height, 0.85 * width, (width - 1) / 2 + 1.3, (height - 1) / 2 - 0.7, -0.12,
                 0.02, 5e-4, -4e-4)
-    beam = Beam(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, None, 0.0, 0.0, 2)
+    beam = Beam(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, None, 0.0, 0.0, 1.0, 2)
     return Calibration(lens, Projector(rows, columns, 5.0, 2.0, 0.0, (5.0, 0.0, 0.0)),
                        (beam,) * (rows * columns), settings, 1e-6, 5.0, 50.0, {})
 

@@ -8,6 +8,8 @@ from calibration.file import Beam, Calibration
 from calibration.identity import Identity, identify
 from calibration.lens import LensReport, calibrate_lens
 from calibration.lines import BeamLines, Observations, fit_lines
+from calibration.plane_check import check_plane_positions
+from calibration.plane_offset import PlaneOffset, corrected, estimate_offset
 from calibration.reciprocal import reciprocal_table
 from calibration.remap import remap_settings
 from calibration.spots import plane_spots
@@ -49,6 +51,7 @@ class Result:
 
     calibration: Calibration
     lens_report: LensReport
+    offset: PlaneOffset
     planes: tuple = field(repr=False)
     identity: Identity = field(repr=False)
     observations: Observations = field(repr=False)
@@ -89,16 +92,30 @@ def with_lens(settings, lens):
                    **undistortion_settings(lens))
 
 
-def _fit_usable(observations, identity, lens):
-    """Usable beams and their lines; beams whose spots scatter are left out, and the rest refitted.
+def _fit_usable(planes, observations, identity, lens):
+    """Usable beams, the offset of the distances, and the lines.
+
+    Beams whose spots scatter are left out, and the rest is fitted again.
     """
     usable = usable_beams(observations, identity.projector, identity.expected)
+    offset = estimate_offset(usable.observations)
+    usable = replace(usable, observations=corrected(usable.observations, offset.correction_mm))
     while True:
         lines = fit_lines(usable.observations, lens)
         fewer = drop_scattered(usable, lines, identity.projector)
         if fewer is usable:
-            return usable, lines
+            return usable, offset, lines
         usable = fewer
+
+
+def _depth_range(options, distances):
+    """Nearest and farthest distance to measure in mm; refused if there is nothing between them."""
+    z_min = min(distances) if options.depth_min is None else options.depth_min
+    z_max = max(distances) if options.depth_max is None else options.depth_max
+    if not 0 < z_min < z_max:
+        raise UserError(f"The depth range {z_min:g} to {z_max:g} mm is empty: --depth-min must be "
+                        "positive and less than --depth-max.")
+    return z_min, z_max
 
 
 def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
@@ -122,14 +139,12 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
     :class:`Result`
     """
     distances = [plane.z_mm for plane in planes]
-    z_min = min(distances) if options.depth_min is None else options.depth_min
-    z_max = max(distances) if options.depth_max is None else options.depth_max
-    if not 0 < z_min < z_max:
-        raise UserError(f"The depth range {z_min:g} to {z_max:g} mm is empty: --depth-min must be "
-                        "positive and less than --depth-max.")
+    _depth_range(options, distances)
     identity = identify(planes, nominal, lens)
+    check_plane_positions(planes, identity, lens)
     observations = Observations.of(planes, identity, lens)
-    usable, lines = _fit_usable(observations, identity, lens)
+    usable, offset, lines = _fit_usable(planes, observations, identity, lens)
+    z_min, z_max = _depth_range(options, [z_mm + offset.correction_mm for z_mm in distances])
     windows = choose_windows(lines, nominal.columns, z_min, z_max)
     tables = build_tables(lines, windows, nominal.columns, nominal.beams)
     settings = replace(settings, line=tables.line, window=tables.window, depth=tables.depth)
@@ -144,6 +159,8 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
         "held_out_free_px": lines.held_out_px[0.0],
         "separation_px": windows.smallest_px if np.isfinite(windows.smallest_px) else None,
         "expected_depth_relative": float(expected),
+        "plane_offset_mm": offset.mm, "plane_offset_sigma_mm": offset.sigma_mm,
+        "plane_correction_mm": offset.correction_mm,
         "centre_px": _centre_error(settings.reciprocal, lens.width),
         "undistortion_px": _undistortion_error(lens, settings),
         "line_px": tables.line_px, "depth_relative": tables.depth_relative}
@@ -154,7 +171,8 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
         remarks=remarks(usable, areas, identity, len(set(distances))),
         inverse_z_unit=tables.inverse_z_unit, z_min=float(z_min), z_max=float(z_max),
         budget=budget)
-    return Result(calibration=calibration, lens_report=lens_report, planes=tuple(planes),
+    return Result(calibration=calibration, lens_report=lens_report, offset=offset,
+                  planes=tuple(planes),
                   identity=identity, observations=usable.observations, lines=lines,
                   windows=windows, tables=tables)
 

@@ -6,12 +6,15 @@ The result is accepted only if no other numbering of the mesh, a row or a column
 good within the tolerances of the nominal values.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from calibration.lines import Observations
 from calibration.mesh_search import TOLERANCE_RELATIVE, MeshSearch
+from calibration.plane_check import check_plane_distances
+from calibration.plane_offset import estimate_offset
 from calibration.projector import Projector, predict
 from model.errors import UserError
 
@@ -73,6 +76,8 @@ class Identity:
         tolerances allow no other.
     expected : array (beams,) of :class:`int`
         Number of distances at which the fitted mesh has each beam's spot inside the picture.
+    offset_mm : :class:`float`
+        What was added to the distances.
     """
 
     projector: Projector
@@ -81,6 +86,7 @@ class Identity:
     matched: float
     margin: float
     expected: np.ndarray
+    offset_mm: float
 
 
 def _check_border(search, vector, beams):
@@ -120,11 +126,51 @@ def _shifted(beams, rows, columns, by_row, by_column):
     return np.where(good, row * columns + column, -1)
 
 
+class _Candidates:
+    """Projectors that a :class:`MeshSearch` has found, each with its numbering and cost."""
+
+    def __init__(self, search):
+        self.search, self.found = search, {}
+        for start in search.coarse():
+            self.keep(*search.refine(start))
+
+    def keep(self, vector, beams):
+        """Remember a projector, the best one of those with the same numbering."""
+        key = np.concatenate(beams).tobytes()
+        cost = self.search.cost(vector, beams)
+        if key not in self.found or cost < self.found[key][0]:
+            self.found[key] = (cost, vector, beams)
+
+    def best(self):
+        """Cost, vector and beams with the smallest cost."""
+        return min(self.found.values(), key=lambda item: item[0])
+
+    def offset(self):
+        """Constant error of the distances in mm, for the best numbering; zero if uncertain.
+
+        Raises :class:`UserError` if a single distance is wrong.
+        """
+        search, ((_, count, missing), _, beams) = self.search, self.best()
+        beam = np.concatenate(beams)
+        own = beam >= 0
+        if count < max(missing, 3 * search.nominal.beams):
+            return 0.0
+        distances = np.unique([plane.z_mm for plane in search.planes])
+        plane = np.repeat(np.searchsorted(distances, [plane.z_mm for plane in search.planes]),
+                          [len(each) for each in beams])
+        observations = Observations(
+            np.arange(search.nominal.beams), beam[own], plane[own], search.all_inverse_z[own],
+            *search.all_positions[own].T)
+        check_plane_distances(observations, search.planes)
+        return estimate_offset(observations).correction_mm
+
+
 def identify(planes, nominal, lens):
     """Assign every spot of the plane frames to its beam.
 
     Raises :class:`UserError` if no projector near the nominal one explains the spots, or if the
-    mesh could as well be numbered a row or a column further.
+    mesh could as well be numbered a row or a column further. A constant error of the distances is
+    taken out first.
 
     Parameters
     ----------
@@ -139,18 +185,14 @@ def identify(planes, nominal, lens):
     -------
     :class:`Identity`
     """
-    search = MeshSearch(planes, nominal, lens)
-    found = {}
-
-    def keep(vector, beams):
-        key = np.concatenate(beams).tobytes()
-        cost = search.cost(vector, beams)
-        if key not in found or cost < found[key][0]:
-            found[key] = (cost, vector, beams)
-
-    for start in search.coarse():
-        keep(*search.refine(start))
-    (cost, count, _), vector, beams = min(found.values(), key=lambda item: item[0])
+    candidates = _Candidates(MeshSearch(planes, nominal, lens))
+    offset = candidates.offset()
+    if offset:
+        # Of distances that are wrong by a constant, a projector too far away makes the best.
+        candidates = _Candidates(MeshSearch(
+            [replace(plane, z_mm=plane.z_mm + offset) for plane in planes], nominal, lens))
+    search, found, keep = candidates.search, candidates.found, candidates.keep
+    (cost, count, _), vector, beams = candidates.best()
     rms, matched, expected = _fit(search, vector, beams, count)
     _check_border(search, vector, beams)
     if not search.within(vector):
@@ -179,7 +221,7 @@ def identify(planes, nominal, lens):
             "a column further they fit the nominal projector as well. Give its angles in "
             "capture.toml more exactly, or show a border of the mesh in the picture.")
     return Identity(projector=nominal.with_parameters(vector), beams=tuple(beams), rms_px=rms,
-                    matched=matched, margin=margin, expected=expected)
+                    matched=matched, margin=margin, expected=expected, offset_mm=offset)
 
 
 def _fit(search, vector, beams, count):

@@ -65,6 +65,11 @@ class Observations:
         """Number of distances at which a beam was found."""
         return len(np.unique(self.plane[self.beam == beam]))
 
+    def rows(self, kept):
+        """Some of the spots, given by a flag each."""
+        return Observations(self.numbers, self.beam[kept], self.plane[kept], self.inverse_z[kept],
+                            self.x[kept], self.y[kept])
+
     def only(self, kept):
         """The observations of some of the beams, given by a flag each."""
         row = kept[self.beam]

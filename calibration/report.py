@@ -23,6 +23,15 @@ def _names(names, limit=6):
     return ", ".join(names[:limit]) + more
 
 
+def _offset_words(offset):
+    """What was done about a constant error of the planes' distances."""
+    sigma = f"+-{offset.sigma_mm:.3f} mm"
+    if offset.correction_mm:
+        return (f"{sigma}; added to every z_mm of planes.csv: z counts from the pinhole. A wrong "
+                "scale of z_mm cannot be seen")
+    return f"{sigma}; no constant error of z_mm is visible. A wrong scale of z_mm cannot be seen"
+
+
 def summary_table(result):
     """The main figures of a :class:`calibration.calibrate.Result`."""
     calibration, lens, lines = result.calibration, result.lens_report, result.lines
@@ -64,6 +73,7 @@ def summary_table(result):
     table.add_row("held out", f"{budget['held_out_px']:.3f} px RMS",
                   "error along u of each plane predicted from the others"
                   f" ({budget['held_out_free_px']:.3f} px with every beam on its own)")
+    table.add_row("plane offset", f"{result.offset.mm:+.3f} mm", _offset_words(result.offset))
     smallest = windows.smallest_px
     table.add_row("line separation",
                   "no neighbour" if math.isinf(smallest) else f"{smallest:.2f} px",

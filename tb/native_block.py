@@ -225,7 +225,7 @@ class NativeBlock:
                 "uint64_t clocks", f"{declaration}\n    uint64_t clocks", 1).replace(
                 "top.eval();", f"top.eval(); {half_clock}")
         verilog = to_verilog(component, "block_under_test")
-        return build("block_under_test", verilog, lambda: verilog, harness, optimise=False)
+        return build("block_under_test", verilog, lambda: verilog, harness)
 
     @property
     def clocks(self):

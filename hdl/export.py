@@ -3,11 +3,11 @@
 import re
 
 from amaranth._toolchain.yosys import find_yosys
-from amaranth.back import rtlil, verilog
+from amaranth.back import rtlil
 from amaranth.hdl import Const, ValueCastable
 from amaranth.lib import wiring
 
-__all__ = ["flat_ports", "to_fast_verilog", "to_verilog"]
+__all__ = ["flat_ports", "rtlil_to_verilog", "to_fast_verilog", "to_rtlil", "to_verilog"]
 
 VHDL_RESERVED = frozenset("""
 abs access after alias all and architecture array assert attribute begin block body buffer bus case
@@ -29,6 +29,9 @@ shortint signed small solve static string strong struct super supply0 supply1 ta
 this time tri type typedef union unique unsigned use var vectored virtual void wait wand weak while
 wildcard wire with within wor
 """.split())
+#: Attributes that Amaranth adds for its own simulator and debuggers.
+_INTERNAL = "-remove generator -remove top -remove src " \
+            "-remove amaranth.hierarchy -remove amaranth.decoding"
 LEGAL = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 
@@ -57,6 +60,25 @@ def flat_ports(component):
     return ports
 
 
+def to_rtlil(component, name):
+    """RTLIL of ``component`` as module ``name``, ports named as :func:`flat_ports` does.
+
+    Raises
+    ------
+    NameError
+        If the block shares its name with one of its ports, which VHDL does not allow.
+    """
+    return rtlil.convert(component, name=name, ports=_named_ports(component, name),
+                         emit_src=False)
+
+
+def rtlil_to_verilog(text):
+    """Verilog of the RTLIL ``text``, by yosys, as :func:`amaranth.back.verilog.convert` does it."""
+    return _yosys(text, "proc -nomux -norom; memory_collect",
+                  *(f"attrmap {option}{_INTERNAL}" for option in ("", "-modattr ")),
+                  "write_verilog -norename")
+
+
 def to_verilog(component, name):
     """Verilog text of ``component`` as module ``name``, ports named as :func:`flat_ports` does.
 
@@ -65,8 +87,7 @@ def to_verilog(component, name):
     NameError
         If the block shares its name with one of its ports, which VHDL does not allow.
     """
-    return verilog.convert(component, name=name, ports=_named_ports(component, name),
-                           emit_src=False, strip_internal_attrs=True)
+    return rtlil_to_verilog(to_rtlil(component, name))
 
 
 def to_fast_verilog(component, name):
@@ -75,12 +96,16 @@ def to_fast_verilog(component, name):
     Amaranth writes every next state as a process of its own; sharing and simplifying their logic
     leaves the simulator less to do in each clock. Ports are those of :func:`to_verilog`.
     """
-    text = rtlil.convert(component, name=name, ports=_named_ports(component, name),
-                         emit_src=False)
+    return _yosys(to_rtlil(component, name),
+                  "proc; flatten; opt -full; memory_collect; opt_mem; opt_clean",
+                  "write_verilog -noattr")
+
+
+def _yosys(text, *commands):
+    """What yosys writes after these commands, given a design in RTLIL."""
     yosys = find_yosys(lambda version: version >= (0, 40))
-    return yosys.run(["-q", "-"], f"read_rtlil <<rtlil\n{text}\nrtlil\n"
-                     "proc; flatten; opt -full; memory_collect; opt_mem; opt_clean\n"
-                     "write_verilog -noattr\n")
+    return yosys.run(["-q", "-"], "\n".join((
+        f"read_rtlil <<rtlil\n{text}\nrtlil", *commands, "")), ignore_warnings=True)
 
 
 def _named_ports(component, name):

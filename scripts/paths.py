@@ -1,5 +1,6 @@
 """Where the checkout and the RTL's sources are, and where what is built goes."""
 
+import contextlib
 import hashlib
 import os
 import re
@@ -11,7 +12,7 @@ import platformdirs
 
 import hdl
 
-__all__ = ["BUILD", "COMPILED", "HDL", "ROOT", "plain"]
+__all__ = ["BUILD", "COMPILED", "HDL", "ROOT", "locked", "plain"]
 
 #: Folder of the RTL's sources.
 HDL = Path(hdl.__file__).resolve().parent
@@ -22,6 +23,17 @@ if __package__ == "scripts":
     BUILD = ROOT / "build"
 else:
     ROOT, BUILD = None, platformdirs.user_cache_path("cyclope")
+
+
+@contextlib.contextmanager
+def locked(path):
+    """Keep other processes out while a file or folder is made: they wait with the same path."""
+    import fcntl  # not on Windows, where recordings can be read
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open(path.with_name(f".{path.name}.lock"), "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def plain(path):

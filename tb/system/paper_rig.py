@@ -1,6 +1,7 @@
 """Preset ``paper`` from the frame gate to the points, with its memory, in the native engine."""
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from amaranth.hdl import ClockDomain, ClockSignal, Module, ResetSignal
@@ -16,7 +17,7 @@ from hdl.protocol import TABLES
 from model.link.points import POINT
 from model.preprocessing.remap import pack_remap
 from scripts.paths import ROOT
-from tb.native_block import Beats, NativeBlock, pack, unpack
+from tb.native_block import Beats, NativeBlock, compile_block, pack, unpack
 from tb.preprocessing.frames import BROKEN_GREY, grey_words
 
 __all__ = ["Measured", "PaperBench", "frames_of"]
@@ -138,6 +139,14 @@ class Measured:
     latency: int
 
 
+@cache
+def _design(config):
+    """The rig with its memory; elaborating it takes longer than most tests."""
+    return compile_block(PaperRig(config), device=(
+        (ROOT / "scripts" / "simulation" / "sram.hpp").read_text(), "StaticRAM ram;",
+        "ram.look(top);"))
+
+
 def _pixels(words):
     fields = unpack(GreyPixel, words)
     return pack(Inward, **{f"pixel_{name}": fields[name] for name in fields.dtype.names})
@@ -147,9 +156,7 @@ class PaperBench:
     """A rig with its tables loaded, which takes frames and gives what is measured."""
 
     def __init__(self, config, settings):
-        self.block = block = NativeBlock(PaperRig(config), device=(
-            (ROOT / "scripts" / "simulation" / "sram.hpp").read_text(), "StaticRAM ram;",
-            "ram.look(top);"))
+        self.block = block = NativeBlock(_design(config))
         self.config = config
         block.reset()
         block.set(bank=1, **{name: value for name, value in settings.registers().items()

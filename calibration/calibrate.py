@@ -4,9 +4,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calibration.chessboards import LensReport, calibrate_lens
 from calibration.file import Beam, Calibration
 from calibration.identity import Identity, identify
-from calibration.lens import LensReport, calibrate_lens
+from calibration.lens_check import doubts
 from calibration.lines import BeamLines, Observations, fit_lines
 from calibration.plane_check import check_plane_positions
 from calibration.plane_offset import PlaneOffset, corrected, estimate_offset
@@ -60,6 +61,12 @@ class Result:
     tables: Tables = field(repr=False)
 
 
+def _reach(lens):
+    """First and last undistorted column where lens and chip are valid, px."""
+    reach = 255.9 if lens.usable_px is None else lens.reach * lens.focal
+    return (max(lens.principal_x - reach, -255.9), min(lens.principal_x + reach, 255.9))
+
+
 def _undistortion_error(lens, settings):
     """Largest distance between the chip's undistorted centres and the lens in float, in px.
 
@@ -71,6 +78,9 @@ def _undistortion_error(lens, settings):
     x, y, inside = undistort(u, v, settings, lens.width, lens.height)
     inside = np.asarray(inside, bool)
     exact_x, exact_y = lens.undistort(u / 512, v / 512)
+    inside &= np.isfinite(exact_x) & (
+        np.hypot(u / 512 - lens.principal_u, v / 512 - lens.principal_v)
+        < (lens.usable_px or np.inf) - 1.5)
     error = np.hypot(np.asarray(x) / 512 - exact_x, np.asarray(y) / 512 - exact_y)
     return float(error[inside].max())
 
@@ -145,7 +155,7 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
     observations = Observations.of(planes, identity, lens)
     usable, offset, lines = _fit_usable(planes, observations, identity, lens)
     z_min, z_max = _depth_range(options, [z_mm + offset.correction_mm for z_mm in distances])
-    windows = choose_windows(lines, nominal.columns, z_min, z_max)
+    windows = choose_windows(lines, nominal.columns, z_min, z_max, _reach(lens))
     tables = build_tables(lines, windows, nominal.columns, nominal.beams)
     settings = replace(settings, line=tables.line, window=tables.window, depth=tables.depth)
 
@@ -153,7 +163,8 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
     depth = 1 / np.linspace(1 / z_max, 1 / z_min, 65)
     expected = 0.798 * lines.sigma_u * np.abs(lines.alpha).mean() * depth.mean()
     budget = {
-        "lens_px": lens_report.rms_px, "lines_px": lines.rms_px,
+        "lens_px": lens_report.rms_px, "focal_sigma_relative": lens_report.focal_sigma,
+        "principal_sigma_px": lens_report.principal_sigma_px, "lines_px": lines.rms_px,
         "sigma_u_px": lines.sigma_u, "sigma_v_px": lines.sigma_v,
         "held_out_px": lines.held_out_px[lines.strength],
         "held_out_free_px": lines.held_out_px[0.0],
@@ -164,6 +175,8 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
         "centre_px": _centre_error(settings.reciprocal, lens.width),
         "undistortion_px": _undistortion_error(lens, settings),
         "line_px": tables.line_px, "depth_relative": tables.depth_relative}
+    lens_report = replace(lens_report, flags=(*lens_report.flags, *doubts(
+        planes, identity, lens, offset.correction_mm, lines.numbers)))
     areas = relative_areas(planes, identity.beams, nominal.beams)
     calibration = Calibration(
         lens=lens, projector=identity.projector, settings=settings,

@@ -6,6 +6,7 @@ from calibration.checked import InvalidError, Section
 from calibration.image import LARGEST
 from calibration.lens import Lens
 from calibration.projector import Projector
+from calibration.radial import MODELS
 from calibration.remap import remap_table
 from hdl.protocol import TABLES, registers
 from model.preprocessing.remap import pack_remap
@@ -28,9 +29,12 @@ def _lens(sensor, content):
     sensor = Section("sensor", sensor, ("width", "height"))
     width, height = sensor.integer("width", 8, LARGEST), sensor.integer("height", 8, LARGEST)
     section = Section("lens", content, _names(Lens)[2:])
+    usable = section.value("usable_px")
     lens = Lens(width, height, section.number("focal", 1, _MOST_LENGTH),
                 section.number("principal_u", 0, width), section.number("principal_v", 0, height),
-                *(section.number(name, -1000, 1000) for name in ("k1", "k2", "p1", "p2")))
+                *(section.number(name, -1000, 1000) for name in ("k1", "k2", "p1", "p2", "k3")),
+                model=section.choice("model", MODELS),
+                usable_px=None if usable is None else section.number("usable_px", 1, _MOST_LENGTH))
     if lens.folds():
         raise InvalidError("its lens folds back inside the image")
     return lens

@@ -20,7 +20,7 @@ import numpy as np
 
 from model.errors import UserError
 
-__all__ = ["BeamLines", "Observations", "fit_lines"]
+__all__ = ["BeamLines", "Observations", "common_origin_sigma", "fit_lines"]
 
 _HUBER = 1.5
 _OUTLIER = 6.0
@@ -224,6 +224,18 @@ def _robust(data, strength, passes=24):
         huber = np.minimum(1, _HUBER * 1.1774 * sigma / np.maximum(distance, 1e-12))
         weight = np.where(keep, huber, 1e-9)
     return solution, weight, keep
+
+
+def common_origin_sigma(observations):
+    """Robust residuals, px: of lines through one origin exactly, and of every line on its own."""
+    result = []
+    for strength, spent in ((np.inf, 1), (0.0, 2)):
+        solution, _, _ = _robust(observations, strength)
+        rows = len(observations.x)
+        freedom = np.sqrt(rows / max(rows - spent * observations.beams, 1))
+        distance = np.hypot(*_errors(observations, solution))
+        result.append(float(freedom * np.median(distance) / 1.1774))
+    return tuple(result)
 
 
 def _held_out(data, weight, keep, strength):

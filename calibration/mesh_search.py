@@ -71,9 +71,10 @@ class MeshSearch:
         return predict(self.lens, self.row, self.column, vector, self.inverse_z[plane])
 
     def inside(self, position):
-        """Whether undistorted positions (..., 2) appear in the image, a little from its border."""
+        """Whether undistorted positions (..., 2) appear in the usable image, off its border."""
         u, v = self.lens.distort(position[..., 0], position[..., 1])
-        return (u > 2) & (u < self.lens.width - 3) & (v > 2) & (v < self.lens.height - 3)
+        valid = self.lens.valid(position[..., 0], position[..., 1])
+        return valid & (u > 2) & (u < self.lens.width - 3) & (v > 2) & (v < self.lens.height - 3)
 
     def coarse(self):
         """Starting vectors, best first, by the mean distance of predictions to real spots."""

@@ -14,7 +14,7 @@ def remap_table(lens):
 
     A pixel of the corrected image stands for the undistorted position with the same offset from
     the image centre; it takes the pixel of the sensor's image nearest to where the lens projects
-    that position. Pixels beyond the lens model's fold take none.
+    that position. Pixels beyond the lens model's fold, or its usable region, take none.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def remap_table(lens):
     u, v = (np.floor(axis + 0.5).astype(np.int64) for axis in lens.distort(x, y))
     radius = np.hypot(x - lens.principal_x, y - lens.principal_y) / lens.focal
     valid = ((u >= 0) & (u < lens.width) & (v >= 0) & (v < lens.height)
-             & (radius < lens.fold_radius))
+             & (radius < lens.reach))
     return tuple(int(word) for word in np.where(valid, v * lens.width + u, OUTSIDE).ravel())
 
 

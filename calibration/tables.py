@@ -95,7 +95,7 @@ def _named(beams, columns, limit=8):
     return ", ".join(words) + (f" and {len(beams) - limit} more" if len(beams) > limit else "")
 
 
-def choose_windows(lines, columns, z_min, z_max):
+def choose_windows(lines, columns, z_min, z_max, reach=(-255.9, 255.9)):
     """u-windows from the depth range, tolerances from the distances between lines and the noise.
 
     Parameters
@@ -106,6 +106,8 @@ def choose_windows(lines, columns, z_min, z_max):
         Columns of the mesh, to name beams.
     z_min, z_max : :class:`float`
         Depth range in mm.
+    reach : (:class:`float`, :class:`float`)
+        First and last undistorted column where the lens model is valid.
 
     Returns
     -------
@@ -114,12 +116,13 @@ def choose_windows(lines, columns, z_min, z_max):
     near, far = lines.column_at(z_min / DEPTH_MARGIN), lines.column_at(z_max * DEPTH_MARGIN)
     low = np.minimum(near, far) - WINDOW_MARGIN_PX
     high = np.maximum(near, far) + WINDOW_MARGIN_PX
-    low, high = np.maximum(low, -255.9), np.minimum(high, 255.9)
+    low, high = np.maximum(low, reach[0]), np.minimum(high, reach[1])
     outside = np.flatnonzero(low >= high)
     if len(outside):
         raise UserError(
             f"Beams {_named(lines.numbers[outside], columns)} never come within 256 px of the "
-            "image centre: turn the projector, or take it for another depth range.")
+            "image centre where the lens model is valid: turn the projector, or take it for "
+            "another depth range.")
     near, far = lines.column_at(z_min / NEAR_GUARD), -lines.beta / lines.alpha
     distance = separations(lines.a, lines.b, low, high, np.minimum(near, far),
                            np.maximum(near, far))

@@ -107,6 +107,7 @@ def main(arguments):
                             f"not {value:g}.")
 
     from calibration.calibrate import Options, calibrate
+    from calibration.figures import health
     from calibration.file import save
     from calibration.report import beam_remarks, beams_table, summary_table
 
@@ -135,8 +136,9 @@ def main(arguments):
         save(result.calibration, output)
     console.print(summary_table(result))
     console.print(beams_table(result))
-    for note in [*beam_remarks(result), *capture.notes]:
+    for note in [*result.lens_report.flags, *beam_remarks(result), *capture.notes]:
         console.print(f"! {note}", style="yellow", markup=False, highlight=False)
+    console.print(health(result), highlight=False, markup=False)
     written = f"{output}" + (f" and {picture}" if arguments.picture else "")
     console.print(f"calibration in {written}", highlight=False, markup=False)
     return 0

@@ -5,6 +5,7 @@ from functools import cache
 import cv2
 import numpy as np
 
+from calibration.chessboards import fit_lens
 from calibration.identity import PlaneSpots, identify
 from calibration.lens import Lens
 from calibration.lines import Observations, fit_lines
@@ -16,7 +17,8 @@ from model.optics import render, scenes
 from model.optics.rigs import RIGS
 from scripts.results.points import locate
 
-__all__ = ["board_views", "depth_errors", "endoscope", "fitted", "lens_of", "observe"]
+__all__ = ["board_corners", "board_views", "depth_errors", "endoscope", "fitted", "fitted_lens",
+           "lens_of", "observe"]
 
 
 def lens_of(rig):
@@ -112,3 +114,31 @@ def depth_errors(rig, calibration, kinds, frames, seed, model=Capsule):
             expected += len(inside)
             found += np.isin(inside, points["beam"]).sum()
     return np.concatenate(errors), found / expected
+
+
+def board_corners(seed, tilt_deg=30.0, count=15, camera=RIGS["endoscope"].camera, noise=0.04,
+                  distance=(50, 65)):
+    """Corners of a 9 x 6 board of 4 mm, straight from geometry: a list for :func:`fit_lens`.
+
+    The boards are turned out of the sensor's plane by up to ``tilt_deg``.
+    """
+    rng = np.random.default_rng(seed)
+    board = np.zeros((54, 3))
+    board[:, :2] = (np.mgrid[:9, :6].T.reshape(-1, 2) - [4, 2.5]) * 4.0
+    views = []
+    while len(views) < count:
+        azimuth, tilt = rng.uniform(0, 2 * np.pi), np.radians(tilt_deg) * rng.random()
+        turn, _ = cv2.Rodrigues(tilt * np.array([np.cos(azimuth), np.sin(azimuth), 0]))
+        roll, _ = cv2.Rodrigues(np.array([0, 0, rng.uniform(-0.2, 0.2)]))
+        shift = [rng.uniform(-8, 8), rng.uniform(-5, 5), rng.uniform(*distance)]
+        image = camera.project(board @ (turn @ roll).T + shift)
+        if camera.inside(image, 3).all():
+            image = (image + rng.normal(scale=noise, size=image.shape)).astype(np.float32)
+            views.append((image, image))
+    return views
+
+
+def fitted_lens(views, focal=370.0, size=(352, 288)):
+    """Lens and report from :func:`board_corners`."""
+    names = [f"{number:02}.png" for number in range(len(views))]
+    return fit_lens(names, views, size, (9, 6, 4.0), focal)

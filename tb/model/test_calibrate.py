@@ -9,7 +9,7 @@ import pytest
 
 from calibration import file
 from calibration.calibrate import Options, calibrate_beams, with_lens
-from calibration.lens import LensReport
+from calibration.chessboards import LensReport
 from calibration.projector import Projector
 from calibration.remap import remap_table
 from calibration.spots import plane_spots

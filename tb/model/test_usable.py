@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from calibration.calibrate import Options, calibrate_beams, with_lens
+from calibration.chessboards import LensReport
+from calibration.figures import health
 from calibration.identity import identify
-from calibration.lens import LensReport
 from calibration.lines import Observations, fit_lines
 from calibration.projector import Projector
 from calibration.report import beam_remarks, beams_table, summary_table
@@ -144,5 +145,10 @@ def test_unusual_beams_are_named(faulty):
     words = beam_remarks(faulty)
     assert [word.split(":")[0] for word in words] == [
         "Beam 0 (row 0, column 0)", "Beam 24 (row 3, column 3)", "Beam 31 (row 4, column 3)"]
-    assert "left out" in summary_table(faulty).columns[0]._cells
+    assert health(faulty) == ("Health: look at left out: outside the range where it is good, or "
+                              "doubtful.")
+    row = summary_table(faulty).columns[0]._cells.index("left out")
+    cells = [column._cells[row] for column in summary_table(faulty).columns]
+    assert cells[1:3] == ["[bold red]2 of 49 beams", "[bold red]none"]
+    assert cells[3] == "no spot will match them: 0, 31"
     assert beams_table(faulty).columns[1]._cells[0] == "[bold red]none[/bold red]"

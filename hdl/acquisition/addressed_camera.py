@@ -13,23 +13,23 @@ _ABORTED = 1  # the reason of a broken beat, as in `Camera`: bad sync
 
 
 class AddressedCamera(wiring.Component):
-    """Asks an imager for its pixels one by one, has each converted, and streams them.
+    """Addresses an imager's pixels one by one, has each converted, and streams them.
 
     ``sensor_read`` begins a frame: rows from top to bottom, each from left to right. A pixel's
-    address stands for ``interval`` clocks, and ``convert`` is high in the last one of them, when
-    the pixel's signal has settled. The converter's ``data`` is taken ``latency`` clocks later, and
-    need be stable in that clock alone; several conversions may be under way. A frame takes
-    width x height x interval clocks, if ``o`` keeps up; if not, the next conversion waits until
-    there is room for its pixel, so nothing is ever lost.
+    address is held for ``interval`` clocks, and ``convert`` is high in the last of them, when the
+    pixel's signal has settled. The converter's ``data`` is sampled ``converter_latency`` clocks
+    later, and need be stable in that clock only; several conversions may be under way. A frame
+    takes width x height x interval clocks if ``o`` keeps up; if not, the next conversion waits
+    until there is room for its pixel, so nothing is ever lost.
 
     If ``sensor_read`` rises during a frame, that frame ends with a ``broken`` beat, whose ``grey``
-    is 1, and the new one follows. Reset: no frame is on, and none is told of.
+    is 1, and the new one follows. Reset discards the frame without a ``broken`` beat.
 
     Parameters
     ----------
     width, height : :class:`int`
         Frame size in pixels.
-    latency : :class:`int`
+    converter_latency : :class:`int`
         Clocks from ``convert`` to ``data``, 1 to 64.
     interval : :class:`int`
         Clocks of a pixel, 2 to 64.
@@ -47,21 +47,27 @@ class AddressedCamera(wiring.Component):
     o : :py:`Out(stream.Signature(GreyPixel))`
         Pixels.
     sending : :py:`Out(1)`
-        A frame is on, up to its last pixel in ``o``.
+        High from the beginning of a frame until its last pixel has left.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from ``convert`` to the pixel at ``o``, which is one more than the converter takes.
     """
 
-    def __init__(self, width, height, latency=4, interval=2):
+    def __init__(self, width, height, converter_latency=4, interval=2):
         for name, value, low, high in (
                 ("Frame width", width, 2, 512), ("Frame height", height, 2, 512),
-                ("The converter's latency", latency, 1, 64),
+                ("The converter's latency", converter_latency, 1, 64),
                 ("The clocks of a pixel", interval, 2, 64)):
             if not isinstance(value, int) or not low <= value <= high:
                 raise ValueError(f"{name} must be an integer from {low} to {high}, not {value!r}")
         self.width, self.height = width, height
-        self.latency, self.interval = latency, interval
+        self.converter_latency, self.interval = converter_latency, interval
+        self.latency = converter_latency + 1
         # Room for all conversions that may be under way, and for a few clocks in the queue, so that
-        # a reader who takes every pixel at once never costs a clock.
-        self.depth = 1 << (latency // interval + 2).bit_length()
+        # a reader that takes every pixel at once never stalls it.
+        self.depth = 1 << (converter_latency // interval + 2).bit_length()
         super().__init__({
             "sensor_read": In(1),
             "row": Out(range(height)),
@@ -113,7 +119,7 @@ class AddressedCamera(wiring.Component):
             ]
 
         # A word beside each conversion; one without is the broken beat.
-        words = [Signal(4, name=f"word_{stage}") for stage in range(self.latency + 1)]
+        words = [Signal(4, name=f"word_{stage}") for stage in range(self.latency)]
         valid, ends_line, ends_frame, broken = words[-1]
         m.d.comb += words[0].eq(Cat(
             asks | breaks, line_end | breaks, frame_end | breaks, breaks))
@@ -130,8 +136,8 @@ class AddressedCamera(wiring.Component):
             self.o.payload.eq(queue.r_data),
             queue.r_en.eq(self.o.ready),
         ]
-        taken = Signal()
-        m.d.comb += taken.eq(self.o.valid & self.o.ready)
-        m.d.sync += room.eq(room + taken - words[0][0])
+        takes = Signal()
+        m.d.comb += takes.eq(self.o.valid & self.o.ready)
+        m.d.sync += room.eq(room + takes - words[0][0])
         m.d.sync += self.sending.eq(active | (room != depth) | begins)
         return m

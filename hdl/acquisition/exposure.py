@@ -18,11 +18,11 @@ def clocks_per_us(clock_hz):
 class Exposure(wiring.Component):
     """Takes one exposure: reset, integration, and the pulse that begins the read-out.
 
-    A clock after ``start``, ``sensor_reset`` rises for ``reset_us`` microseconds; with its last
-    clock over, ``sensor_integrate`` is high for ``exposure_us`` microseconds, then ``sensor_read``
-    for one. Microseconds are counted from there, so that all times are exact to the clock. The
-    values are heard with ``start`` alone, which counts only while ``busy`` is low; 0 means 1. The
-    pins come from flip-flops, and are low in reset.
+    A clock after ``start``, ``sensor_reset`` is high for ``reset_us`` microseconds, then
+    ``sensor_integrate`` for ``exposure_us`` and ``sensor_read`` for one. Microseconds are counted
+    from ``start``, so all times are exact to the clock. Times and ``laser`` are sampled with
+    ``start``, which is ignored while ``busy`` is high; 0 counts as 1. The pins come from
+    flip-flops, and are low in reset.
 
     Parameters
     ----------
@@ -36,15 +36,15 @@ class Exposure(wiring.Component):
     reset_us, exposure_us : :py:`In(16)`, :py:`In(16)`
         Microseconds, 1 to 65,535.
     laser : :py:`In(1)`
-        Ask for the laser during the integration.
+        Request the laser during the integration.
     sensor_reset : :py:`Out(1)`
-        All pixels are held at dark.
+        Holds all pixels at dark.
     sensor_integrate : :py:`Out(1)`
-        The global shutter is open.
+        Opens the global shutter.
     sensor_read : :py:`Out(1)`
-        The read-out begins.
+        Begins the read-out.
     laser_request : :py:`Out(1)`
-        High with ``sensor_integrate``, if asked for.
+        High with ``sensor_integrate``, if requested.
     latched_us : :py:`Out(16)`
         ``exposure_us`` of the exposure that was started last.
     integrated : :py:`Out(1)`
@@ -53,9 +53,13 @@ class Exposure(wiring.Component):
         High in the clock after the last of ``sensor_read``.
     busy : :py:`Out(1)`
         From the clock after ``start`` to the last of ``sensor_read``.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from ``start`` to ``sensor_reset``.
     """
 
-    #: Clocks from ``start`` to ``sensor_reset``.
     latency = 1
 
     def __init__(self, clock_hz):

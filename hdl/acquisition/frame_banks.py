@@ -1,4 +1,4 @@
-"""Which bank of a frame store is whose."""
+"""The banks of a frame store, shared between a writer and a reader."""
 
 from amaranth import *
 from amaranth.lib import stream, wiring
@@ -13,13 +13,13 @@ _COUNT_BITS = 8
 
 
 def check_banks(banks):
-    """Refuse what is no number of banks."""
+    """ValueError unless ``banks`` is 2 or 3."""
     if banks not in (2, 3) or isinstance(banks, bool):
         raise ValueError(f"The number of banks must be 2 or 3, not {banks!r}")
 
 
 def check_store(width, height, banks):
-    """Refuse what is no size of a frame or no number of banks."""
+    """ValueError unless these are a frame's size and a number of banks."""
     for name, value in (("width", width), ("height", height)):
         if not isinstance(value, int) or not 2 <= value <= 512:
             raise ValueError(f"Frame {name} must be an integer from 2 to 512, not {value!r}")
@@ -27,7 +27,7 @@ def check_store(width, height, banks):
 
 
 def store_members(shape):
-    """Members that every frame store has, ``shape`` being what is known of a frame."""
+    """Members that every frame store has; ``shape`` is the information kept with a frame."""
     return {
         "i": In(stream.Signature(GreyPixel, always_ready=True)),
         "info": In(shape),
@@ -47,26 +47,26 @@ class FrameBanks(wiring.Component):
     """Shares the banks of a frame store between a writer and a reader with unrelated clocks.
 
     The writer works in the domain ``sync``, the reader in the domain ``display``. A frame goes to
-    a bank that neither is held by the reader nor keeps the newest whole frame. With three banks
+    a bank that is neither held by the reader nor keeps the newest whole frame. With three banks
     there always is one. With two there is none while the reader holds one and the other keeps a
     newer frame: a frame that begins then is skipped whole, and counted; of frames without a pause
-    between them every second one is, however quick the reader. The reader asks whenever it likes,
-    and gets the newest whole frame.
+    between them every second one is, however quick the reader. The reader may request a frame at
+    any time, and gets the newest whole one.
 
-    The reader raises one request line and keeps it up until it sees the answer; the writer does
-    alike. Both lines go through two flip-flops. The bank number and what is known of its frame
-    stand still from before the answer rises until the next request: the reader's side takes them
-    only when the answer has arrived, so they cross without flip-flops of their own.
+    The reader raises a request line and holds it until it sees the answer; the writer answers in
+    the same way. Both lines go through two flip-flops. The bank number and its frame's information
+    are stable from before the answer rises until the next request. The reader's side samples them
+    only when the answer has arrived, so they need no synchronisers of their own.
 
-    An answer takes at most 5 clocks of ``display`` and 4 of ``sync``. Reset empties all banks; both
-    domains must be reset together, each for at least 4 clocks of the other.
+    Reset empties all banks; both domains must be reset together, each for at least 4 clocks of the
+    other.
 
     Parameters
     ----------
     banks : :class:`int`
         2 or 3.
     shape : shape-like
-        What is known of a frame.
+        Information that is kept with a frame.
 
     Members
     -------
@@ -79,27 +79,35 @@ class FrameBanks(wiring.Component):
     closes : :py:`In(1)`
         The frame that was written is whole; its last word is written in this clock.
     info : :py:`In(shape)`
-        What is known of it, in that clock.
+        Its information, sampled in that clock.
     skipped, unread : :py:`Out(8)`
-        Frames that found no free bank, and whole frames that a newer one replaced before the
-        reader asked. They stop at 255.
+        Frames for which no bank was free, and whole frames that a newer one replaced before the
+        reader requested them. They stop at 255.
     acquire : :py:`In(1)`
-        The reader gives back its bank and asks for the newest frame (``display``). What it has
-        read up to this clock is good. Heard only while ``idle`` is high.
+        The reader gives back its bank and requests the newest frame (``display``). What it has
+        read up to this clock is valid. Ignored unless ``idle`` is high.
     give_back : :py:`In(1)`
-        The reader gives back its bank and wants no other. Heard like ``acquire``, which goes first.
+        The reader gives back its bank and requests no other. Ignored likewise, and with
+        ``acquire``.
     idle : :py:`Out(1)`
-        The reader may ask.
+        The reader may send a request.
     held : :py:`Out(1)`
-        The reader has a bank. Low in the clock after it asks; after the answer it stays low if no
-        frame has been stored yet.
+        The reader has a bank. Low in the clock after a request; after the answer it stays low if
+        no frame has been stored yet.
     fresh : :py:`Out(1)`
         It was not read before.
     read_bank : :py:`Out(2)`
         Its number, while ``held``.
     frame : :py:`Out(shape)`
-        What is known of it, while ``held``.
+        Its information, while ``held``.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks of ``display``, besides up to 4 of ``sync``, from a request to its answer, at most.
     """
+
+    latency = 5
 
     def __init__(self, banks=2, shape=StoredFrame):
         check_banks(banks)
@@ -126,7 +134,7 @@ class FrameBanks(wiring.Component):
         bank = range(self.banks)
 
         # Roles of the banks, in `sync`. The writer's is neither the newest one nor the reader's;
-        # the newest one may be the reader's too. What is known of a frame goes with the role.
+        # the newest one may be the reader's too. A frame's information goes with the role.
         newest = Signal(bank)
         newest_exists = Signal()
         newest_is_unread = Signal()
@@ -138,19 +146,19 @@ class FrameBanks(wiring.Component):
 
         request = Signal()  # in `display`
         wants = Signal()
-        request_heard = Signal()  # in `sync`
+        request_synced = Signal()  # in `sync`
         answer = Signal()
-        answer_heard = Signal()  # in `display`
-        m.submodules.request = FFSynchronizer(request, request_heard)
-        m.submodules.answer = FFSynchronizer(answer, answer_heard, o_domain="display")
+        answer_synced = Signal()  # in `display`
+        m.submodules.request = FFSynchronizer(request, request_synced)
+        m.submodules.answer = FFSynchronizer(answer, answer_synced, o_domain="display")
 
         # The writer's side. A request that comes with the end of a frame waits a clock, and gets
         # that frame.
         grants = Signal()
-        m.d.comb += grants.eq(request_heard & ~answer & ~self.closes)
+        m.d.comb += grants.eq(request_synced & ~answer & ~self.closes)
         with m.If(grants):
             m.d.sync += answer.eq(1)
-        with m.Elif(~request_heard):
+        with m.Elif(~request_synced):
             m.d.sync += answer.eq(0)
 
         with m.If(self.opens & ~self.free):
@@ -180,10 +188,10 @@ class FrameBanks(wiring.Component):
                     m.d.sync += [self.write_bank.eq(~newest), self.free.eq(1)]
 
         # The reader's side. The next request waits until the answer to the last one has gone.
-        m.d.comb += self.idle.eq(~request & ~answer_heard)
+        m.d.comb += self.idle.eq(~request & ~answer_synced)
         with m.If(self.idle & (self.acquire | self.give_back)):
             m.d.display += [request.eq(1), wants.eq(self.acquire), self.held.eq(0)]
-        with m.If(request & answer_heard):
+        with m.If(request & answer_synced):
             m.d.display += [
                 request.eq(0), self.held.eq(reader_exists), self.fresh.eq(reader_is_fresh),
                 self.read_bank.eq(reader), self.frame.eq(reader_info),

@@ -1,4 +1,4 @@
-"""Whole frames, or none."""
+"""Whole frames, or none of a frame."""
 
 from amaranth import *
 from amaranth.lib import stream, wiring
@@ -10,15 +10,14 @@ __all__ = ["FrameGate"]
 
 
 class FrameGate(wiring.Component):
-    """Numbers frames, announces each, parts texture from patterns, and keeps out those frames
-    that the reader cannot be told of.
+    """Numbers frames, announces each, separates texture from patterns, and skips frames whose
+    announcement finds no room.
 
     Frames whose ``tag`` says texture leave by ``texture`` and ``texture_info``, the others by ``o``
-    and ``info``. All are numbered together. A frame whose first pixel comes while its announcement
-    is not ready is taken and thrown away whole, and counted; the next announcement, of either kind,
-    tells how many there were. Pixels pass without a clock between; nothing waits that the stream it
-    goes to would take. A ``broken`` beat before any pixel of its frame is thrown away. Reset starts
-    the numbers again.
+    and ``info``. All are numbered together. If a frame's announcement is not ready at its first
+    pixel, the whole frame is discarded and counted; the next announcement, of either kind, says how
+    many were skipped. Pixels pass combinationally and wait only for the stream that they go to. A
+    ``broken`` beat before any pixel of its frame is discarded. Reset restarts the numbers.
 
     Members
     -------
@@ -28,19 +27,24 @@ class FrameGate(wiring.Component):
         Pattern frames that pass.
     info : :py:`Out(stream.Signature(FrameInfo))`
         One for each of them, with its first pixel. ``valid`` does not wait for ``ready``, but is
-        high for that one clock only: this stream is for a queue that takes at once or not.
+        high in that clock only: this stream is for a queue that takes a word at once or not at all.
     texture, texture_info
         The same two for texture frames.
     level : :py:`In(8)`
-        Threshold, for the announcement.
+        Threshold, sampled for the announcement.
     threshold_valid : :py:`In(1)`
-        Low if no threshold is known yet.
+        Low while no threshold is known.
     tag : :py:`In(FrameTag)`
-        How the frame was exposed; heard with its first pixel.
+        How the frame was exposed; sampled with its first pixel.
     tripped, tables_valid : :py:`In(1)`
         State of the laser guard and of the tables, for the announcement.
     lost : :py:`Out(8)`
-        Frames that were thrown away since reset; stops at 255.
+        Frames that were discarded since reset; stops at 255.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a pixel at ``i`` to the same at ``o`` or ``texture``.
     """
 
     latency = 0

@@ -15,13 +15,13 @@ _PAGE = 1 << 14
 
 
 class FrameMemory(wiring.Component):
-    """Stores frames in the domain ``sync`` and has them read, whole, in the domain ``display``.
+    """Stores frames in the domain ``sync``; they are read, whole, in the domain ``display``.
 
-    Takes a pixel in every clock and never makes the camera wait. The reader keeps a bank for as
-    long as it likes and reads it in any order; meanwhile frames go to the others. No bank is
-    written while the reader has it, whatever the clocks: :class:`.FrameBanks` tells how, and what
-    becomes of frames that nobody asks for. A broken frame, or one of another size, is thrown away
-    and counted; its bank takes the next one.
+    Takes a pixel in every clock and never stalls the camera. The reader keeps a bank for any time
+    and reads it in any order; meanwhile frames go to the others. No bank is written while the
+    reader holds it, whatever the clocks, see :class:`.FrameBanks`; nor are frames kept that nobody
+    requests. A broken frame, or one of another size, is discarded and counted; its bank takes the
+    next one.
 
     The memory is cut into pages of 16,384 pixels, so that it needs no more blocks than its bits do:
     50 RAMB16 for each bank of 352 x 288. Its content is undefined until a frame has been stored.
@@ -33,18 +33,18 @@ class FrameMemory(wiring.Component):
     banks : :class:`int`
         2, or 3 so that no frame is ever skipped.
     shape : shape-like
-        What is known of a frame.
+        Information that is kept with a frame.
 
     Members
     -------
     i : :py:`In(stream.Signature(GreyPixel, always_ready=True))`
         Frames.
     info : :py:`In(shape)`
-        What is known of a frame, heard with its first pixel.
+        A frame's information, sampled with its first pixel.
     broken, skipped, unread : :py:`Out(8)`
-        Frames that broke off, that found no free bank, and that a newer one replaced before the
-        reader asked; frames = broken + skipped + unread + the reader's fresh ones, but for the last
-        whole one. They stop at 255.
+        Frames that broke off, for which no bank was free, and that a newer one replaced before the
+        reader requested them; frames = broken + skipped + unread + the reader's fresh ones, except
+        for the last whole one. They stop at 255.
     acquire, give_back, idle, held, fresh, frame
         The reader's side of :class:`.FrameBanks`, in ``display``.
     address : :py:`In(range(width * height))`
@@ -52,6 +52,11 @@ class FrameMemory(wiring.Component):
     data : :py:`Out(8)`
         Its grey value, two clocks later. The address of the clock of ``acquire`` or ``give_back``
         is the last one that is answered.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from ``address`` to ``data``.
     """
 
     latency = 2
@@ -74,7 +79,7 @@ class FrameMemory(wiring.Component):
         info = Signal(self.shape)
         inside = Signal()
         taking = Signal()
-        place = Signal(range(pixels))
+        position = Signal(range(pixels))
         too_long = Signal()
         first = Signal()
         writes = Signal()
@@ -85,7 +90,7 @@ class FrameMemory(wiring.Component):
             first.eq(self.i.valid & ~inside & ~marker.broken),
             writes.eq(self.i.valid & Mux(inside, taking, banks.free)),
             ends.eq(self.i.valid & marker.frame_end),
-            whole.eq(~marker.broken & ~too_long & (place == pixels - 1)),
+            whole.eq(~marker.broken & ~too_long & (position == pixels - 1)),
             banks.opens.eq(first),
             banks.info.eq(info),
             banks.closes.eq(ends & writes & whole),
@@ -95,10 +100,10 @@ class FrameMemory(wiring.Component):
         with m.If(first):
             m.d.sync += [inside.eq(1), taking.eq(banks.free), info.eq(self.info)]
         with m.If(self.i.valid):
-            m.d.sync += place.eq(Mux(place == pixels - 1, 0, place + 1))
-            m.d.sync += too_long.eq(too_long | (place == pixels - 1))
+            m.d.sync += position.eq(Mux(position == pixels - 1, 0, position + 1))
+            m.d.sync += too_long.eq(too_long | (position == pixels - 1))
         with m.If(ends):
-            m.d.sync += [inside.eq(0), place.eq(0), too_long.eq(0)]
+            m.d.sync += [inside.eq(0), position.eq(0), too_long.eq(0)]
             with m.If(~whole & Mux(inside, taking, first & banks.free)):
                 m.d.sync += self.broken.eq(self.broken + ~self.broken.all())
 
@@ -116,10 +121,10 @@ class FrameMemory(wiring.Component):
                 m.submodules[f"bank_{bank}_page_{page}"] = memory
                 write, read = memory.write_port(), memory.read_port(domain="display")
                 m.d.comb += [
-                    write.addr.eq(place[:page_bits]),
+                    write.addr.eq(position[:page_bits]),
                     write.data.eq(self.i.p.grey),
                     write.en.eq(writes & (banks.write_bank == bank)
-                                & (place[page_bits:] == page)),
+                                & (position[page_bits:] == page)),
                     read.addr.eq(self.address[:page_bits]),
                     read.en.eq(1),
                 ]

@@ -119,7 +119,7 @@ class FrontEnd(wiring.Component):
             return camera
         # Nothing can be lost there; only a new read-out ends a frame before its time.
         camera = AddressedCamera(
-            **size, latency=config.converter_latency, interval=config.converter_interval)
+            **size, converter_latency=config.converter_latency, interval=config.converter_interval)
         m.d.comb += self.frame_sending.eq(camera.sending)
         broken = camera.o.valid & camera.o.ready & camera.o.p.marker.broken
         with m.If(broken & ~self.bad_sync.all()):

@@ -1,4 +1,4 @@
-"""One frame, stored as it arrives and read as often as it is wanted."""
+"""One frame, stored as it arrives and then read in any order."""
 
 from amaranth import *
 from amaranth.lib import stream, wiring
@@ -14,12 +14,12 @@ _PAGE = 1 << 14
 
 
 class ImageBank(wiring.Component):
-    """Stores a frame and keeps it until it has been worked on.
+    """Stores a frame and keeps it until ``stored`` is taken.
 
     Takes a pixel in every clock. A frame may begin while ``free`` is high; from its first pixel
-    until ``stored`` is taken the bank belongs to it. With its last pixel, or when it breaks off, it
-    shows at ``stored``, one clock later. Any pixel of it may then be read in any clock. Frames
-    must have the bank's size, as those of :class:`hdl.acquisition.camera.Camera` do.
+    until ``stored`` is taken the bank belongs to it. ``stored`` is valid from the clock after its
+    last pixel, or after it breaks off. Any pixel of it may then be read in any clock. Frames must
+    have the bank's size, as those of :class:`hdl.acquisition.camera.Camera` do.
 
     The memory is cut into pages of 16,384 pixels, so that it needs no more blocks than its bits
     do: 50 RAMB16 for 352 x 288. Reset empties the bank.
@@ -38,10 +38,17 @@ class ImageBank(wiring.Component):
     stored : :py:`Out(stream.Signature(1))`
         The frame; high if it lost synchronism.
     address, read : :py:`In(18)`, :py:`In(1)`
-        Pixel to read in this clock, row after row. What lies beyond the frame means nothing.
+        Pixel to read in this clock, row after row. Beyond the frame, ``grey`` is undefined.
     grey : :py:`Out(8)`
         Its grey value, one clock later.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from ``address`` to ``grey``.
     """
+
+    latency = 1
 
     def __init__(self, width, height):
         for name, value in [("width", width), ("height", height)]:
@@ -60,14 +67,14 @@ class ImageBank(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         pixels = self.width * self.height
-        place = Signal(range(pixels))
+        position = Signal(range(pixels))
         with m.If(self.stored.ready & self.stored.valid):
             m.d.sync += [self.stored.valid.eq(0), self.free.eq(1)]
         with m.If(self.i.valid):
-            m.d.sync += [place.eq(place + 1), self.free.eq(0)]
+            m.d.sync += [position.eq(position + 1), self.free.eq(0)]
             with m.If(self.i.p.marker.frame_end):
                 m.d.sync += [
-                    place.eq(0), self.stored.valid.eq(1),
+                    position.eq(0), self.stored.valid.eq(1),
                     self.stored.payload.eq(self.i.p.marker.broken),
                 ]
 
@@ -82,9 +89,9 @@ class ImageBank(wiring.Component):
                 m.submodules[f"page_{number}"] = memory
                 write, read = memory.write_port(), memory.read_port()
                 m.d.comb += [
-                    write.addr.eq(place[:page_bits]),
+                    write.addr.eq(position[:page_bits]),
                     write.data.eq(self.i.p.grey),
-                    write.en.eq(self.i.valid & (place[page_bits:] == number)),
+                    write.en.eq(self.i.valid & (position[page_bits:] == number)),
                     read.addr.eq(self.address[:page_bits]),
                     read.en.eq(self.read),
                 ]

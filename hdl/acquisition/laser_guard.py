@@ -1,4 +1,4 @@
-"""The last word on the laser."""
+"""The ceilings on laser light that no input can pass."""
 
 from amaranth import *
 from amaranth.lib import wiring
@@ -10,34 +10,32 @@ __all__ = ["LaserGuard"]
 
 
 class LaserGuard(wiring.Component):
-    """Stands between the sequencer's wish for light and the laser's pin, and trusts neither.
+    """Gates the sequencer's request for the laser, and trusts none of its inputs.
 
-    While the laser is meant to be on, the pin changes with every clock, for an AC-coupled driver;
-    otherwise it stands still at low. So it takes a clock, too, to make light: a driver sees a
-    stopped clock as darkness. Light is counted in edges of the pin, the closing one included; for
-    how long the driver holds after an edge is not counted.
+    While the laser is on, the pin toggles with every clock, for an AC-coupled driver; otherwise it
+    stays low. A stopped clock is therefore dark. Light is counted in edges of the pin, the closing
+    one included; how long the driver stays on after an edge is not counted.
 
-    All limits are constructor arguments; no input reaches them. In edges and clocks of the pin,
+    All limits are constructor arguments; no input changes them. In edges and clocks of the pin,
     whatever the inputs do, reset included (``make prove``):
 
     * a pulse (edges in successive clocks) is no longer than ``pulse_us``;
     * from the first edge of a pulse to that of the next it is at least ``repetition_us``;
     * any ``window_us`` hold at most ``window_on_us`` of edges.
 
-    The last of these rests on a small rule. A pulse may be as long as ``window_on_us``, less the
-    length of the pulse before if that began less than ``window_us`` earlier. As pulses begin at
+    The last of these follows from a simple rule. A pulse may be as long as ``window_on_us``, less
+    the length of the pulse before if that began less than ``window_us`` earlier. As pulses begin at
     least half a window apart, a window that ends in pulse k and holds all of k - 1 holds no more of
     k than it lacks at the start of k - 2, so it holds at most k - 2 and k - 1.
 
-    The guard is armed while ``tables_valid`` or ``capture`` is high, the heartbeat goes on, and a
-    window has passed since the reset, since what was before it is forgotten. ``heartbeat`` has to
-    take another value at least every ``heartbeat_us``; once it did not, two changes within that
-    time of each other arm again. A request that is refused or cut is dark from the next clock on,
-    until it has gone low. Why is held in ``causes``. The sequencer should ask for light only while
-    ``armed`` is high, so that a start does not count as a fault.
+    The guard is armed while ``tables_valid`` or ``capture`` is high, the heartbeat continues, and a
+    window has passed since the reset, which clears the record of past light. ``heartbeat`` must
+    change at least every ``heartbeat_us``. If it did not, two changes within that time of each
+    other arm the guard again. A request that is refused or cut is dark from the next clock on,
+    until it has gone low; ``causes`` holds the reason. The sequencer should request light only
+    while ``armed`` is high, so that a start does not count as a fault.
 
-    Latency: 1 clock from ``request`` to the pin's first edge; a pin that is high when its light
-    ends needs one closing edge. Reset: dark.
+    A pin that is high when its light ends needs one closing edge. Reset: dark.
 
     Parameters
     ----------
@@ -51,26 +49,33 @@ class LaserGuard(wiring.Component):
     Members
     -------
     request : :py:`In(1)`
-        Light is wanted.
+        Requests light.
     tables_valid : :py:`In(1)`
-        There is a set of tables that was checked.
+        A set of tables has been checked.
     capture : :py:`In(1)`
-        Light is allowed without tables now, for a calibration.
+        Allows light without tables, for a calibration.
     heartbeat : :py:`In(8)`
-        Another value with each sign of life.
+        Changes with each sign of life.
     clear : :py:`In(1)`
-        Forget the causes, except those of this clock.
+        Clears the causes, except those of this clock.
     laser : :py:`Out(1)`
         The pin.
     lit : :py:`Out(1)`
         The pin has just changed, so there is light.
     armed : :py:`Out(1)`
-        A request would be heard, within the ceilings.
+        A request would be granted, within the ceilings.
     causes : :py:`Out(5)`
         What was refused, bits in the order of :data:`hdl.protocol.GUARD_CAUSES`, until ``clear``.
         A request while not armed counts as ``heartbeat`` if that has stopped, as ``not_armed`` if
         anything else is missing.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from ``request`` to the pin's first edge.
     """
+
+    latency = 1
 
     def __init__(self, clock_hz=16_000_000, pulse_us=GUARD_LIMITS_US["pulse"],
                  repetition_us=GUARD_LIMITS_US["repetition"], window_us=GUARD_LIMITS_US["window"],
@@ -161,7 +166,7 @@ class LaserGuard(wiring.Component):
         with m.Else():
             m.d.sync += since.eq(since + 1)
 
-        # What is wanted against what may be.
+        # The request against the ceilings.
         permitted = Signal()
         pulsing = Signal()
         blocked = Signal()
@@ -186,18 +191,18 @@ class LaserGuard(wiring.Component):
         with m.Elif(go | self.laser):
             m.d.sync += [length.eq(length + 1), spent.eq(spent + 1)]
 
-        # Why not.
-        heard = Signal()
+        # The causes of a refusal.
+        requested = Signal()
         now = Signal(len(GUARD_CAUSES))
-        m.d.comb += heard.eq(self.request & ~blocked)
+        m.d.comb += requested.eq(self.request & ~blocked)
         reasons = {
-            "pulse": heard & self.armed & pulsing & (length >= self.pulse),
-            "repetition": heard & self.armed & ~pulsing & (since < self.repetition),
-            "duty": heard & self.armed & Mux(
+            "pulse": requested & self.armed & pulsing & (length >= self.pulse),
+            "repetition": requested & self.armed & ~pulsing & (since < self.repetition),
+            "duty": requested & self.armed & Mux(
                 pulsing, (length < self.pulse) & (spent >= self.window_on),
                 (since >= self.repetition) & (begun >= self.window_on)),
-            "not_armed": heard & ~(permitted & rested),
-            "heartbeat": (silent & beats[1]) | (heard & ~beating),
+            "not_armed": requested & ~(permitted & rested),
+            "heartbeat": (silent & beats[1]) | (requested & ~beating),
         }
         m.d.comb += now.eq(Cat(reasons[name] for name in GUARD_CAUSES))
         m.d.sync += self.causes.eq(now | Mux(self.clear, 0, self.causes))

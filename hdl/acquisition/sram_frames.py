@@ -21,7 +21,7 @@ _HALF = 128
 
 
 class _Kind(enum.Enum, shape=2):
-    """What is in the queue: a frame is a header with what is known of it, then its words."""
+    """What is in the queue: a frame is a header with its information, then its words."""
 
     HEADER = 0
     WORD = 1
@@ -36,20 +36,20 @@ class _Entry(data.Struct):
 class SRAMFrames(wiring.Component):
     """Stores frames in an external memory, and fetches the rows that a reader is about to show.
 
-    Takes the place of :class:`.FrameMemory` where there is no room for it. Frames come in the
-    domain ``sync``, a pixel in every clock if need be, and are read, whole, in ``display``;
+    Replaces :class:`.FrameMemory` on devices that have no room for it. Frames come in the domain
+    ``sync``, a pixel in every clock if need be, and are read, whole, in ``display``;
     :class:`.FrameBanks` shares the banks. Four pixels make a word, the first one in the lowest
     bits; each row begins with a new word, each bank with a new row.
 
     The memory gets one write for each word of a frame that arrives, and, for each row that is
     fetched, one read for each word of a row: 88 writes and 88 reads a row for frames 352 wide,
-    writes first. 512 words may wait for it. If there is no room for a word, the rest of its frame
-    is thrown away, and the frame counts as broken.
+    writes first. A buffer holds 512 words that wait for it. If the buffer is full, the rest of the
+    frame is discarded, and the frame counts as broken.
 
     A row is fetched into one half of a line buffer while the row before is read from the other. If
     it has not arrived when the reader turns to it, it reads as zero until the reader turns to the
-    next one, and is counted; so does a row that is asked for while the last fetch is still under
-    way. A bank is given back only when none is.
+    next one, and is counted; so is a row that is requested while the last fetch is under way. A
+    bank is given back only when no fetch is under way.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class SRAMFrames(wiring.Component):
     base : :class:`int`
         Address of the first bank's first word.
     shape : shape-like
-        What is known of a frame, 32 bits at most.
+        Information that is kept with a frame, 32 bits at most.
 
     Members
     -------
@@ -68,21 +68,21 @@ class SRAMFrames(wiring.Component):
         The writer's side, as of :class:`.FrameMemory`; a frame that is skipped and breaks off
         counts as both.
     overrun : :py:`Out(1)`
-        Since reset some word found no room.
+        Since reset, the buffer has overflowed.
     acquire, give_back, idle, held, fresh, frame
         The reader's side, as of :class:`.FrameBanks`.
     fetch : :py:`In(1)`
-        A row of the held frame will be read soon (``display``).
+        Fetch a row of the held frame (``display``).
     fetch_row : :py:`In(range(height))`
         Its number.
     turn : :py:`In(1)`
-        From this clock on another row is read.
+        From this clock on the reader reads another row.
     row, column : :py:`In(range(height))`, :py:`In(range(width))`
         Pixel to be read, of one of the two rows that were fetched last.
     data : :py:`Out(8)`
         Its grey value, two clocks later.
     late : :py:`Out(8)`
-        Rows that were not there in time (``display``). It stops at 255.
+        Rows that did not arrive in time (``display``). It stops at 255.
     command : :py:`Out(stream.Signature(MemoryCommand))`
         Accesses.
     answer : :py:`In(stream.Signature(32, always_ready=True))`
@@ -90,6 +90,8 @@ class SRAMFrames(wiring.Component):
 
     Attributes
     ----------
+    latency : :class:`int`
+        Clocks from ``row`` and ``column`` to ``data``.
     row_words, bank_words : :class:`int`
         Words of a row and of a bank.
     """
@@ -105,7 +107,7 @@ class SRAMFrames(wiring.Component):
             raise ValueError(
                 f"The address of the first bank must be an integer from 0 to {most}, not {base!r}")
         if Shape.cast(shape).width > 32:
-            raise ValueError(f"What is known of a frame must fit 32 bits, which {shape!r} does not")
+            raise ValueError(f"A frame's information must fit 32 bits, which {shape!r} does not")
         self.width, self.height, self.banks, self.shape = width, height, banks, shape
         self.starts = [base + bank * self.bank_words for bank in range(banks)]
         super().__init__({
@@ -135,15 +137,15 @@ class SRAMFrames(wiring.Component):
         return m
 
     def _pack(self, m, queue):
-        """Pixels to words, as long as the queue has room."""
+        """Pixels to words, as long as the queue is not full."""
         inside = Signal()
-        lost = Signal()  # the rest of the frame is thrown away
+        lost = Signal()  # the rest of the frame is discarded
         lane = Signal(2)
         pixels = Signal(24)
         words = Signal(range(self.bank_words + 1))
         first = Signal()
-        full = Signal()  # with this pixel a word is
-        no_room = Signal()
+        full = Signal()  # this pixel completes a word
+        overflows = Signal()
         fails = Signal()
         whole = Signal()
         marker = self.i.p.marker
@@ -151,13 +153,13 @@ class SRAMFrames(wiring.Component):
         m.d.comb += [
             first.eq(self.i.valid & ~inside & ~marker.broken),
             full.eq(self.i.valid & ~marker.broken & ((lane == 3) | marker.line_end)),
-            no_room.eq((first | (full & ~lost)) & ~queue.w_rdy),
-            fails.eq(no_room | full & (first | (words == self.bank_words))),
+            overflows.eq((first | (full & ~lost)) & ~queue.w_rdy),
+            fails.eq(overflows | full & (first | (words == self.bank_words))),
             whole.eq(~marker.broken & ~fails & ~lost & (words == self.bank_words - 1)),
             queue.w_en.eq(first | (full & ~lost & ~fails)),
             queue.w_data.eq(entry),
         ]
-        with m.If(no_room):
+        with m.If(overflows):
             m.d.sync += self.overrun.eq(1)
         with m.If(first):
             m.d.comb += [entry.kind.eq(_Kind.HEADER), entry.word.eq(self.info)]
@@ -222,32 +224,32 @@ class SRAMFrames(wiring.Component):
                          self.command.p.address.eq(read_address)]
 
     def _lines(self, m, banks, reads, read_address, read_taken):
-        """Rows to the line buffer, and from there."""
+        """Rows to the line buffer, and from there to the reader."""
         m.submodules.line = line = Memory(shape=32, depth=2 * _HALF, init=[])
         put, get = line.write_port(), line.read_port(domain="display")
 
-        # The reader raises its request and keeps it up until it sees the answer, which comes with
-        # the last word. Meanwhile `wanted` and the bank stand still, so they cross as they are.
+        # The reader raises its request and holds it until it sees the answer, which comes with the
+        # last word. Meanwhile `wanted` and the bank are stable, so they cross as they are.
         request = Signal()  # in `display`
         wanted = Signal(range(self.height))
-        request_heard = Signal()  # in `sync`
+        request_synced = Signal()  # in `sync`
         answer = Signal()
-        answer_heard = Signal()  # in `display`
-        m.submodules.request = FFSynchronizer(request, request_heard)
-        m.submodules.answer = FFSynchronizer(answer, answer_heard, o_domain="display")
+        answer_synced = Signal()  # in `display`
+        m.submodules.request = FFSynchronizer(request, request_synced)
+        m.submodules.answer = FFSynchronizer(answer, answer_synced, o_domain="display")
 
         # In `sync`.
         fetching = Signal()
         odd = Signal()
         left = Signal(range(self.row_words + 1))  # words to ask for
-        place = Signal(range(_HALF))  # words that have come
+        received = Signal(range(_HALF))  # words that have arrived
         m.d.comb += [
             reads.eq(left != 0),
-            put.addr.eq(Cat(place, odd)),
+            put.addr.eq(Cat(received, odd)),
             put.data.eq(self.answer.payload),
             put.en.eq(self.answer.valid),
         ]
-        with m.If(~request_heard):
+        with m.If(~request_synced):
             m.d.sync += answer.eq(0)
         with m.Elif(~fetching & ~answer):
             offset = sum(wanted << bit for bit in range(8) if self.row_words >> bit & 1)
@@ -255,54 +257,54 @@ class SRAMFrames(wiring.Component):
                 for bank, start in enumerate(self.starts):
                     with m.Case(bank):
                         m.d.sync += read_address.eq(start + offset)
-            m.d.sync += [fetching.eq(1), left.eq(self.row_words), place.eq(0), odd.eq(wanted[0])]
+            m.d.sync += [fetching.eq(1), left.eq(self.row_words), received.eq(0), odd.eq(wanted[0])]
         with m.If(read_taken):
             m.d.sync += [read_address.eq(read_address + 1), left.eq(left - 1)]
         with m.If(self.answer.valid):
-            m.d.sync += place.eq(place + 1)
-            with m.If(place == self.row_words - 1):
+            m.d.sync += received.eq(received + 1)
+            with m.If(received == self.row_words - 1):
                 m.d.sync += [fetching.eq(0), answer.eq(1)]
 
-        # In `display`. What is known of each half: whether its row is there.
-        there = Signal(2)
+        # In `display`. For each half of the buffer: whether its row has arrived.
+        arrived = Signal(2)
         asked = [Signal(range(self.height), name=f"asked_{half}") for half in range(2)]
-        quiet = Signal()
-        asks = Signal()  # for another bank, as soon as no fetch is under way
-        wants = Signal()
+        fetch_idle = Signal()
+        bank_pending = Signal()  # a request of another bank waits until no fetch is under way
+        wants_bank = Signal()
         m.d.comb += [
-            quiet.eq(~request & ~answer_heard),
-            self.idle.eq(banks.idle & ~asks),
-            self.held.eq(banks.held & ~asks),
+            fetch_idle.eq(~request & ~answer_synced),
+            self.idle.eq(banks.idle & ~bank_pending),
+            self.held.eq(banks.held & ~bank_pending),
             self.fresh.eq(banks.fresh),
             self.frame.eq(banks.frame),
-            banks.acquire.eq(asks & quiet & wants),
-            banks.give_back.eq(asks & quiet & ~wants),
+            banks.acquire.eq(bank_pending & fetch_idle & wants_bank),
+            banks.give_back.eq(bank_pending & fetch_idle & ~wants_bank),
         ]
         with m.If(self.idle & (self.acquire | self.give_back)):
-            m.d.display += [asks.eq(1), wants.eq(self.acquire)]
-        with m.Elif(quiet):
-            m.d.display += asks.eq(0)
-        with m.If(request & answer_heard):
+            m.d.display += [bank_pending.eq(1), wants_bank.eq(self.acquire)]
+        with m.Elif(fetch_idle):
+            m.d.display += bank_pending.eq(0)
+        with m.If(request & answer_synced):
             m.d.display += request.eq(0)
         for half in range(2):
-            with m.If(request & answer_heard & (wanted == asked[half])):
-                m.d.display += there[half].eq(1)
+            with m.If(request & answer_synced & (wanted == asked[half])):
+                m.d.display += arrived[half].eq(1)
             with m.If(self.fetch & (self.fetch_row[0] == half)):
-                m.d.display += [there[half].eq(0), asked[half].eq(self.fetch_row)]
-        with m.If(self.fetch & quiet & self.held):
+                m.d.display += [arrived[half].eq(0), asked[half].eq(self.fetch_row)]
+        with m.If(self.fetch & fetch_idle & self.held):
             m.d.display += [request.eq(1), wanted.eq(self.fetch_row)]
         with m.If(self.acquire | self.give_back):
-            m.d.display += there.eq(0)
+            m.d.display += arrived.eq(0)
 
         chosen = Signal(2)
-        shown = Signal()
+        row_arrived = Signal()
         m.d.comb += [get.addr.eq(Cat(self.column[2:], C(0, 7 - len(self.column[2:])),
                                      self.row[0])), get.en.eq(1)]
         m.d.display += [
             chosen.eq(self.column[:2]),
-            self.data.eq(Mux(shown, get.data.word_select(chosen, 8), 0)),
+            self.data.eq(Mux(row_arrived, get.data.word_select(chosen, 8), 0)),
         ]
         with m.If(self.turn):
-            m.d.display += shown.eq(there.bit_select(self.row[0], 1))
-            with m.If(self.held & ~there.bit_select(self.row[0], 1)):
+            m.d.display += row_arrived.eq(arrived.bit_select(self.row[0], 1))
+            with m.If(self.held & ~arrived.bit_select(self.row[0], 1)):
                 m.d.display += self.late.eq(self.late + ~self.late.all())

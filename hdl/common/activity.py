@@ -30,6 +30,11 @@ class Activity(wiring.Component):
         Something is active in this clock.
     busy : :py:`Out(1)`
         Something is active, or was at most ``timeout`` clocks ago.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from ``active`` to ``busy``.
     """
 
     latency = 0

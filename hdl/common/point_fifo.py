@@ -10,15 +10,14 @@ from hdl.payloads import Point
 __all__ = ["PointFIFO"]
 
 _WORD_BITS = 36
-_PLACES = 256
+_SLOTS = 256
 
 
 class PointFIFO(wiring.Component):
-    """Queues 256 points, besides the one that shows at ``o``.
+    """Queues 256 points, besides the one at ``o``.
 
-    Each half of a point takes a port of the memory, so both sides take turns and writing goes
-    first: a point comes out two clocks after it went in if no other one comes in meanwhile. While
-    full, ``i`` waits; nothing is lost. Reset empties it.
+    Each half of a point takes a port of the memory, so writing and reading take turns, and writing
+    goes first. While the memory is full, ``i`` stalls; nothing is lost. Reset empties it.
 
     Members
     -------
@@ -26,9 +25,18 @@ class PointFIFO(wiring.Component):
         Points and end markers.
     o : :py:`Out(stream.Signature(Point))`
         The same, in the same order.
+
+    Attributes
+    ----------
+    depth : :class:`int`
+        Points that it holds.
+    latency : :class:`int`
+        Clocks from a point at ``i`` to the same at ``o``, if it is empty and no other point follows
+        at once.
     """
 
-    depth = _PLACES + 1
+    depth = _SLOTS + 1
+    latency = 2
 
     def __init__(self):
         super().__init__({
@@ -38,20 +46,20 @@ class PointFIFO(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.points = memory = Memory(shape=_WORD_BITS, depth=2 * _PLACES, init=[])
+        m.submodules.points = memory = Memory(shape=_WORD_BITS, depth=2 * _SLOTS, init=[])
 
         # `level` counts what is in the memory; its top bit means full.
-        level = Signal(range(_PLACES + 1))
-        write_place = Signal(range(_PLACES))
-        read_place = Signal(range(_PLACES))
-        place = Signal(range(_PLACES))
+        level = Signal(range(_SLOTS + 1))
+        write_index = Signal(range(_SLOTS))
+        read_index = Signal(range(_SLOTS))
+        index = Signal(range(_SLOTS))
         push = Signal()
         fetch = Signal()
         m.d.comb += [
             self.i.ready.eq(~level[-1]),
             push.eq(self.i.valid & self.i.ready),
             fetch.eq(~push & (level != 0) & (~self.o.valid | self.o.ready)),
-            place.eq(Mux(push, write_place, read_place)),
+            index.eq(Mux(push, write_index, read_index)),
         ]
         word = Value.cast(self.i.p)
         halves = []
@@ -59,19 +67,19 @@ class PointFIFO(wiring.Component):
             write = memory.write_port()
             read = memory.read_port()
             m.d.comb += [
-                write.addr.eq(Cat(place, C(half, 1))),
+                write.addr.eq(Cat(index, C(half, 1))),
                 write.data.eq(word[half * _WORD_BITS:(half + 1) * _WORD_BITS]),
                 write.en.eq(push),
-                read.addr.eq(Cat(place, C(half, 1))),
+                read.addr.eq(Cat(index, C(half, 1))),
                 read.en.eq(fetch),
             ]
             halves.append(read.data)
         m.d.comb += Value.cast(self.o.p).eq(Cat(halves))
 
         with m.If(push):
-            m.d.sync += [write_place.eq(write_place + 1), level.eq(level + 1)]
+            m.d.sync += [write_index.eq(write_index + 1), level.eq(level + 1)]
         with m.If(fetch):
-            m.d.sync += [read_place.eq(read_place + 1), level.eq(level - 1), self.o.valid.eq(1)]
+            m.d.sync += [read_index.eq(read_index + 1), level.eq(level - 1), self.o.valid.eq(1)]
         with m.Elif(self.o.ready):
             m.d.sync += self.o.valid.eq(0)
 

@@ -10,16 +10,16 @@ __all__ = ["SRAMPins", "SRAMPort"]
 
 
 class SRAMPins(wiring.Signature):
-    """Pins of a static RAM of 512K words of 32 bits, as its controller sees them.
+    """Pins of a static RAM of 512K words of 32 bits, seen from its controller.
 
     Members
     -------
     address : :py:`Out(19)`
         Word.
     data_out, data_drive : :py:`Out(32)`, :py:`Out(1)`
-        What the data pins are driven with, and when.
+        Value that the data pins are driven with, and when.
     data_in : :py:`In(32)`
-        What the data pins show.
+        Value of the data pins.
     chip_enable_n, write_enable_n, output_enable_n : :py:`Out(1)`
         Strobes of the memory, active low.
     lanes_n : :py:`Out(4)`
@@ -43,14 +43,13 @@ class SRAMPort(wiring.Component):
     """Shares an asynchronous static RAM between clients; client 0 goes first.
 
     A read takes one clock, a write two, in any order and without a pause between them. The client
-    with the lowest number that has a command is served; so the others may starve, and it is for
-    the clients before them to leave clocks free. The word of a read is valid at the client's
-    ``answer`` ``latency`` clocks after its command was taken, for one clock: it must be taken
-    then. Answers come in the order of the commands. A read sees all writes that were taken before
-    it, whoever's they are.
+    with the lowest number that has a command is served; the others may starve, so clients with low
+    numbers must leave clocks free. The word of a read is valid at the client's ``answer`` for one
+    clock, and must be taken then. Answers come in the order of the commands. A read sees all writes
+    that were taken before it, from any client.
 
-    Nothing is taken during reset; a write that was taken before is still carried out, and answers
-    that are on their way are lost.
+    Nothing is taken during reset; a write that was taken before is still carried out, and pending
+    answers are lost.
 
     **Timing.** All pins come from flip-flops: address, lanes, chip enable and data from those of
     the rising edge; write and output enable from those of the falling edge, so that half a clock
@@ -65,13 +64,12 @@ class SRAMPort(wiring.Component):
 
     A write has half a clock of address set-up before WE# falls, a pulse of a clock, and half a
     clock of address and data hold behind it; data are valid for half a clock before WE# rises.
-    After a read the memory has half a clock to let go of the bus before it is driven, and after a
-    write half a clock passes before the memory may drive it. So ordinary parts are never asked
-    for more than their data sheets promise, which is 0 ns of set-up and hold, and never fight for
-    the bus: at 16 MHz half a clock is 31 ns, where a part of 15 ns asks for a pulse of at most
-    15 ns, data 10 ns before its end, lets go of the bus in 8 ns, and answers 15 ns after the
-    address and 8 ns after OE#. The bus floats for half a clock or more between drivers: it wants
-    the weak keepers that pins have.
+    After a read the memory has half a clock to release the bus before it is driven, and after a
+    write half a clock passes before the memory may drive it. So ordinary parts are used within
+    their data sheets, with 0 ns of set-up and hold, and there is no contention on the bus: at
+    16 MHz half a clock is 31 ns, where a part of 15 ns needs a pulse of 15 ns and data 10 ns before
+    its end, releases the bus in 8 ns, and answers 15 ns after the address and 8 ns after OE#. The
+    bus floats for half a clock or more between drivers: use the weak keepers of the pins.
 
     Parameters
     ----------
@@ -90,7 +88,7 @@ class SRAMPort(wiring.Component):
     Attributes
     ----------
     latency : :class:`int`
-        Clocks from a read to its answer.
+        Clocks from a read that is taken to its answer.
     """
 
     latency = 2
@@ -110,18 +108,18 @@ class SRAMPort(wiring.Component):
         m.domains += ClockDomain("falling", clk_edge="neg", reset_less=True, local=True)
         m.d.comb += ClockSignal("falling").eq(ClockSignal())
 
-        # A write's first clock; in it nothing can be taken. What a write needs outlives a reset,
-        # which must not stop it half way.
+        # A write's first clock; in it nothing can be taken. The registers of a write are not reset:
+        # a reset must not cut it short.
         writing = Signal(reset_less=True)
         reading = Signal(reset_less=True)
         free = Signal()
         m.d.comb += free.eq(~writing & ~ResetSignal())
 
         before = Const(0)
-        taken = []
+        taking = []
         for command in self.command:
             m.d.comb += command.ready.eq(free & ~before)
-            taken.append(command.valid & command.ready)
+            taking.append(command.valid & command.ready)
             before = before | command.valid
 
         address = Signal(19, reset_less=True)
@@ -136,7 +134,7 @@ class SRAMPort(wiring.Component):
             drive.eq(writing),
             idle.eq(~writing),
         ]
-        for command, take in zip(self.command, taken, strict=True):
+        for command, take in zip(self.command, taking, strict=True):
             with m.If(take):
                 m.d.comb += read.eq(~command.p.write)
                 m.d.sync += [
@@ -162,7 +160,7 @@ class SRAMPort(wiring.Component):
 
         word = Signal(32, reset_less=True)
         m.d.sync += word.eq(self.pins.data_in)
-        for index, (answer, take) in enumerate(zip(self.answer, taken, strict=True)):
+        for index, (answer, take) in enumerate(zip(self.answer, taking, strict=True)):
             asked = Signal(name=f"asked_{index}")
             m.d.sync += [asked.eq(take & read), answer.valid.eq(asked)]
             m.d.comb += answer.p.eq(word)

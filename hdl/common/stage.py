@@ -12,8 +12,7 @@ __all__ = ["Stage"]
 class Stage(wiring.Component):
     """Holds one word, so that the block before can go on to the next while this one waits.
 
-    A word leaves one clock after it came; one word a clock is kept up while ``o.ready`` stays
-    high.
+    One word a clock while ``o.ready`` stays high. Reset empties it.
 
     Parameters
     ----------
@@ -26,6 +25,11 @@ class Stage(wiring.Component):
         Words.
     o : :py:`Out(stream.Signature(shape))`
         The same words in the same order.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a word at ``i`` to the same at ``o``.
     """
 
     latency = 1

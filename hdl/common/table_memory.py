@@ -13,26 +13,24 @@ _WORD_BITS = 36
 class TableMemory(wiring.Component):
     """Holds words of 36 bits for two readers: 0 to 255 have two banks, 256 to 511 have one.
 
-    The word at an address is at the data output one clock later, on both sides, in every clock.
-    The readers see bank ``bank`` of the lower half; the host writes and reads bank
-    ``write_bank``.
+    Both readers may read in every clock. They see bank ``bank`` of the lower half; the host writes
+    and reads bank ``write_bank``.
 
-    Host accesses borrow the port of reader A, so that the memory is made of dual-port block RAM:
-    in the clock of a write or read, reader A's address is not heard, and its data of the next
-    clock are what the host asked for, or mean nothing after a write. Reader B sees a new word
-    from the clock after the write on. All words are zero until they are written; reset leaves
-    them as they are.
+    Host accesses borrow the port of reader A, so that the memory fits dual-port block RAM: in the
+    clock of a write or read, reader A's address is ignored, and its data of the next clock are the
+    word that the host reads, or undefined after a write. Reader B sees a new word from the clock
+    after the write on. All words are zero until they are written; reset does not change them.
 
     Parameters
     ----------
     beams : :class:`int`
         With up to 64, two words for each, a bank has 128 words and both tables fit into one
-        RAMB16; address bit 7 is then not heard below 256. Else they take two.
+        RAMB16; address bit 7 is then ignored below 256. Otherwise they take two.
 
     Members
     -------
     bank : :py:`In(1)`
-        Bank that the readers see. May change in any clock; heard with the address.
+        Bank that the readers see. May change in any clock; sampled with the address.
     a_address, b_address : :py:`In(9)`
         Addresses of the two readers.
     a_data, b_data : :py:`Out(36)`
@@ -45,7 +43,14 @@ class TableMemory(wiring.Component):
         Its address.
     write_data : :py:`In(36)`
         The word.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from an address to its word.
     """
+
+    latency = 1
 
     def __init__(self, beams=128):
         if not isinstance(beams, int) or not 1 <= beams <= 128:
@@ -73,7 +78,7 @@ class TableMemory(wiring.Component):
         read_a = words.read_port()
         read_b = words.read_port()
 
-        def place(address, bank):
+        def index(address, bank):
             shared = address[8]
             if small:
                 return Cat(address[:7], Mux(shared, address[7], bank), shared)
@@ -87,14 +92,14 @@ class TableMemory(wiring.Component):
             host.eq(self.write_enable | self.read_enable),
             address.eq(Mux(host, self.write_address, self.a_address)),
             bank.eq(Mux(host, self.write_bank, self.bank)),
-            port.eq(place(address, bank)),
+            port.eq(index(address, bank)),
             write.addr.eq(port),
             write.data.eq(self.write_data),
             write.en.eq(self.write_enable),
             read_a.addr.eq(port),
             read_a.en.eq(1),
             self.a_data.eq(read_a.data),
-            read_b.addr.eq(place(self.b_address, self.bank)),
+            read_b.addr.eq(index(self.b_address, self.bank)),
             read_b.en.eq(1),
             self.b_data.eq(read_b.data),
         ]

@@ -13,7 +13,7 @@ __all__ = ["DIAMONDS", "OverlayColour", "Overlay"]
 #: Spots of a frame that are drawn.
 DIAMONDS = 128
 _COUNT_BITS = 8
-_PLACE_BITS = COORDINATE_BITS - FRACTION_BITS + 1  # the last half pixel rounds up
+_POSITION_BITS = COORDINATE_BITS - FRACTION_BITS + 1  # the last half pixel rounds up
 
 
 class OverlayColour(enum.Enum, shape=2):
@@ -25,29 +25,30 @@ class OverlayColour(enum.Enum, shape=2):
 
 
 class _List(data.Struct):
-    """What is known of a list of diamonds."""
+    """The frame of a list of diamonds, and their number."""
 
     number: 16
     count: _COUNT_BITS
 
 
-class _Place(data.Struct):
-    """The pixel in the middle of a diamond."""
+class _Diamond(data.Struct):
+    """The middle of a diamond, and the status of its spot."""
 
     ok: 1
-    column: _PLACE_BITS
-    row: _PLACE_BITS
+    column: _POSITION_BITS
+    row: _POSITION_BITS
 
 
 class Overlay(wiring.Component):
     """Keeps lists of spots, one for each frame, and draws open diamonds around them.
 
     Lists come in the domain ``sync``, a spot in a clock if need be, and are drawn in the domain
-    ``display``; a :class:`.FrameBanks` of three banks stands between, so no list is ever refused,
-    and none is seen before its end. A diamond has the pixels at a distance ``reach`` from the pixel
-    that its spot's centre is in, rows and columns added; what is outside the picture is not drawn.
-    So each diamond has two pixels in a row, and a row is drawn in ``width`` + 2 ``DIAMONDS`` + 6
-    clocks at most, while the row before is shown. Where diamonds meet, the later one is seen.
+    ``display``; a :class:`.FrameBanks` of three banks is between them, so no list is ever
+    refused, and none is shown before its end. A diamond has the pixels at a distance ``reach`` from
+    the pixel of its spot's centre, rows and columns added; what is outside the picture is not
+    drawn. So each diamond has two pixels in a row, and a row is drawn in ``width`` +
+    2 ``DIAMONDS`` + 6 clocks at most, while the row before is shown. Where
+    diamonds meet, the later one is on top.
 
     Parameters
     ----------
@@ -62,19 +63,19 @@ class Overlay(wiring.Component):
     i : :py:`In(stream.Signature(OverlaySpot, always_ready=True))`
         Spots of a frame, then an end marker.
     number : :py:`In(16)`
-        Number of that frame, heard with the ``end``.
+        Number of that frame, sampled with the ``end``.
     undrawn : :py:`Out(8)`
         Spots beyond the 128th of their list, which are not drawn. It stops at 255.
     acquire : :py:`In(1)`
-        Go on with the newest list (``display``, like all that follow).
+        Change to the newest list (``display``, as all that follow).
     held : :py:`Out(1)`
         There is one.
     list_number : :py:`Out(16)`
         Number of its frame, while ``held``.
     prepare : :py:`In(1)`
-        Draw a row. Heard only once the last one is done.
+        Draw a row; only when the last one is done.
     prepare_row : :py:`In(range(height))`
-        Number of that row. Rows with odd and even numbers have a place each.
+        Number of that row. There is a buffer for odd rows and one for even ones.
     enable : :py:`In(1)`
         If low in the clock of ``prepare``, that row gets no diamonds.
     odd : :py:`In(1)`
@@ -83,6 +84,11 @@ class Overlay(wiring.Component):
         Which of its pixels.
     colour : :py:`Out(OverlayColour)`
         Its colour, two clocks later.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from ``column`` to ``colour``.
     """
 
     latency = 2
@@ -114,13 +120,13 @@ class Overlay(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         m.submodules.banks = banks = FrameBanks(3, _List)
-        m.submodules.places = places = Memory(shape=_Place, depth=4 * DIAMONDS, init=[])
+        m.submodules.diamonds = diamonds = Memory(shape=_Diamond, depth=4 * DIAMONDS, init=[])
         row_bits = (self.width - 1).bit_length()
         m.submodules.pixels = pixels = Memory(shape=OverlayColour, depth=2 << row_bits, init=[])
 
         # Lists.
         count = Signal(range(DIAMONDS + 1))
-        put = places.write_port()
+        put = diamonds.write_port()
         half = 1 << (FRACTION_BITS - 1)
         m.d.comb += [
             banks.closes.eq(self.i.valid & self.i.p.end),
@@ -149,34 +155,34 @@ class Overlay(wiring.Component):
         ]
         row = Signal(range(self.height))
         total = Signal(range(DIAMONDS + 1))  # diamonds of the row
-        place = Signal(range(max(self.width, DIAMONDS + 1)))
+        index = Signal(range(max(self.width, DIAMONDS + 1)))
         wiping = Signal()
         drawing = Signal()
         second = Signal()
-        fetch = places.read_port(domain="display")
-        m.d.comb += [fetch.addr.eq(Cat(place[:DIAMONDS.bit_length() - 1], banks.read_bank)),
+        fetch = diamonds.read_port(domain="display")
+        m.d.comb += [fetch.addr.eq(Cat(index[:DIAMONDS.bit_length() - 1], banks.read_bank)),
                      fetch.en.eq(1)]
         with m.If(self.prepare):
             m.d.display += [
-                row.eq(self.prepare_row), place.eq(0), wiping.eq(1), drawing.eq(0),
+                row.eq(self.prepare_row), index.eq(0), wiping.eq(1), drawing.eq(0),
                 total.eq(Mux(self.enable & banks.held, banks.frame.count, 0)),
             ]
         with m.Elif(wiping):
-            m.d.display += place.eq(place + 1)
-            with m.If(place == self.width - 1):
-                m.d.display += [place.eq(0), wiping.eq(0), drawing.eq(total != 0), second.eq(0)]
+            m.d.display += index.eq(index + 1)
+            with m.If(index == self.width - 1):
+                m.d.display += [index.eq(0), wiping.eq(0), drawing.eq(total != 0), second.eq(0)]
         with m.Elif(drawing):
             m.d.display += second.eq(~second)
             with m.If(second):
-                m.d.display += place.eq(place + 1)
-                with m.If(place == total - 1):
+                m.d.display += index.eq(index + 1)
+                with m.If(index == total - 1):
                     m.d.display += drawing.eq(0)
 
         diamond = fetch.data
-        down = Signal(signed(_PLACE_BITS + 1))
+        down = Signal(signed(_POSITION_BITS + 1))
         away = Signal(range(self.reach + 1))
-        left = Signal(signed(_PLACE_BITS + 2))
-        right = Signal(signed(_PLACE_BITS + 2))
+        left = Signal(signed(_POSITION_BITS + 2))
+        right = Signal(signed(_POSITION_BITS + 2))
         colour = Signal(OverlayColour)
         hits = Signal(2)  # how many of the two pixels are still to be written
         m.d.comb += [
@@ -195,7 +201,7 @@ class Overlay(wiring.Component):
         # Pixels.
         write, read = pixels.write_port(domain="display"), pixels.read_port(domain="display")
         m.d.comb += [
-            write.addr.eq(Cat(Mux(wiping, place, left)[:row_bits], row[0])),
+            write.addr.eq(Cat(Mux(wiping, index, left)[:row_bits], row[0])),
             write.data.eq(Mux(wiping, OverlayColour.NONE, colour)),
             write.en.eq(wiping | (hits[0] & (left >= 0) & (left < self.width))),
             read.addr.eq(Cat(self.column, self.odd)),

@@ -15,7 +15,7 @@ _FRONT, _SYNC, _BACK = 16, 96, 48
 _FRONT_ROWS, _SYNC_ROWS, _BACK_ROWS = 10, 2, 33
 _LINE = COLUMNS + _FRONT + _SYNC + _BACK
 _LINES = ROWS + _FRONT_ROWS + _SYNC_ROWS + _BACK_ROWS
-#: Clocks from a place on the screen to its pixel: the address, the store, the pins.
+#: Clocks from a position on the screen to its pixel: the address, the store, the pins.
 _ADDRESS, _STORE, _PINS = 1, 2, 1
 
 
@@ -46,18 +46,18 @@ class VGA(wiring.Component):
     overlay : :py:`In(stream.Signature(OverlaySpot, always_ready=True))`
         Spots of a frame, then an end marker (``sync``).
     overlay_number : :py:`In(16)`
-        Number of that frame, heard with the ``end``.
+        Number of that frame, sampled with the ``end``.
     undrawn : :py:`Out(8)`
         Spots beyond the 128th of their frame. It stops at 255.
     acquire : :py:`Out(1)`
-        Asks the store for the newest frame, for a clock; what was held before is not read any more.
+        Requests the newest frame from the store, for a clock; the one before is not read any more.
     held : :py:`In(1)`
-        The store's answer is here.
+        The store has answered.
     frame : :py:`In(StoredFrame)`
-        What is known of the frame.
+        The frame's information.
     fetch, fetch_row : :py:`Out(1)`, :py:`Out(range(height))`
         That row will be shown from the next line of the screen on, which begins 800 clocks later:
-        for stores that have to get it from elsewhere.
+        for stores that have to fetch it.
     turn : :py:`Out(1)`
         High for a clock when the first pixel of a row may be read, once for each fetched row.
     row, column, address : :py:`Out(range(height))`, :py:`Out(range(width))`, \
@@ -68,9 +68,14 @@ class VGA(wiring.Component):
     hsync, vsync : :py:`Out(1)`
         Sync pins.
     visible : :py:`Out(1)`
-        High between the blankings, for converters that want to know.
+        High outside the blankings, for converters that need it.
     red, green, blue : :py:`Out(colour_bits)`
         Colour pins, zero in the blankings.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a position on the screen to its pixel at the pins.
     """
 
     latency = _ADDRESS + _STORE + _PINS
@@ -113,8 +118,7 @@ class VGA(wiring.Component):
         left = (COLUMNS - width * scale) // 2
         top = (ROWS - height * scale) // 2
 
-        # The place on the screen. The picture's begins in its border, so that it is known where the
-        # frame stands before its first row.
+        # The position on the screen, which starts in the vertical blanking, before the first row.
         x = Signal(range(_LINE))
         y = Signal(range(_LINES), init=ROWS)
         line_ends = Signal()
@@ -190,7 +194,7 @@ class VGA(wiring.Component):
             overlay.column.eq(self.column),
         ]
 
-        # What belongs to a pixel waits for it. The vertical pulse begins and ends with a horizontal
+        # Flags are delayed as their pixel is. The vertical pulse begins and ends with a horizontal
         # one.
         vsync = Signal(init=1)
         with m.If(x == COLUMNS + _FRONT - 1):

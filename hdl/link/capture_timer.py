@@ -24,6 +24,11 @@ class CaptureTimer(wiring.Component):
         Start in this clock, for so long.
     capture : :py:`Out(1)`
         The time is not over.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from ``start`` to ``capture``.
     """
 
     latency = 1

@@ -165,7 +165,15 @@ class Commands(wiring.Component):
     laser_armed, sensor_silent, guard_causes, pairs, timeouts, bad_sync, overrun, skipped, \
     packets, late, display
         What else STATUS reports, see :data:`hdl.protocol.STATUS_FIELDS`.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a whole packet at ``i`` to its reply, for commands that neither read nor write
+        tables and whose reply has no data. A refused command takes less.
     """
+
+    latency = 18
 
     def __init__(self, width, height, beams, lanes, preset="capsule", clock_hz=16_000_000,
                  baud=115_200):

@@ -17,8 +17,6 @@ class PointLimiter(wiring.Component):
     which the buffer would be full. Points that are not ok pass: few of them are ever sent. An end
     marker waits for its frame's counts, and for space in their queue. Reset discards all counts.
 
-    Latency: 0 for points. Counts come out 1 clock after their frame's end marker.
-
     Parameters
     ----------
     frames : :class:`int`
@@ -32,6 +30,12 @@ class PointLimiter(wiring.Component):
         One for each frame; ``dropped`` grows by the points taken out here, and stops at 65,535.
     limit : :py:`In(8)`
         Ok points of a frame; 0 is no limit. May change only between frames.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a point at ``i`` to the same at ``o``. Counts take one more, from their frame's
+        end marker.
     """
 
     latency = 0

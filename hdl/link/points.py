@@ -121,7 +121,15 @@ class Points(wiring.Component):
         Send all points as records; sampled with a frame's first point or end marker.
     o : :py:`Out(stream.Signature(PacketOctet))`
         Packets.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a frame's end marker, with its info and counts, to the first octet of its last
+        packet, at most, if that has room for the trailer.
     """
+
+    latency = 18
 
     registers = register_ports("full_records")
 

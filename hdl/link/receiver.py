@@ -44,7 +44,14 @@ class Receiver(wiring.Component):
         That octet, one clock later.
     write_enable, write_data : :py:`In(1)`, :py:`In(8)`
         Write an octet at ``address``; only while ``o`` is valid.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a packet's closing delimiter at ``i`` to its length at ``o``.
     """
+
+    latency = 2
 
     def __init__(self):
         super().__init__({

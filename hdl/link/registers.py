@@ -62,7 +62,14 @@ class Registers(wiring.Component):
         ``mode`` as written is stop.
     mode, period_us, and so on : :py:`Out`
         Each register's value as it acts, by its name, with its bits and sign.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from ``hand_over`` to the values that act.
     """
+
+    latency = 1
 
     def __init__(self, clock_hz=16_000_000, baud=115_200):
         members = register_members(clock_hz, baud)

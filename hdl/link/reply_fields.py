@@ -52,6 +52,11 @@ class ReplyFields(wiring.Component):
         Value for READ; stays during the reply.
     state, guard_causes, and so on : :py:`In`
         Values for STATUS, see :data:`hdl.protocol.STATUS_FIELDS`.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a start to the first octet.
     """
 
     latency = 1

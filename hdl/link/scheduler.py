@@ -27,6 +27,11 @@ class Scheduler(wiring.Component):
         Packets, in falling priority.
     o : :py:`Out(stream.Signature(PacketOctet))`
         The packets selected.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from an octet of the selected packet to the same at ``o``.
     """
 
     latency = 0

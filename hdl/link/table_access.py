@@ -47,7 +47,14 @@ class TableAccess(wiring.Component):
     :py:`In(stream.Signature(32, always_ready=True))`
         To the external memory, in the preset ``paper`` only: word 2n has the lower half of word n
         of the remap table.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a read of a table of the chip, with ``table_ready``, to its octet.
     """
+
+    latency = 3
 
     def __init__(self, preset="capsule"):
         if preset not in PRESET_NAMES:

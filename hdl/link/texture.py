@@ -80,7 +80,14 @@ class Texture(wiring.Component):
         Packets.
     busy : :py:`Out(1)`
         The clock of ``domain`` is needed.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a frame's last pixel to its packet, if no other is being sent.
     """
+
+    latency = 2
 
     def __init__(self, width, height, domain="sync"):
         for name, value in (("width", width), ("height", height)):

@@ -45,9 +45,16 @@ class Transmitter(wiring.Component):
         Packets sent, modulo 65,536.
     busy : :py:`Out(1)`
         A packet is on the line, or waits for it.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from the last octet of a packet to its start bit, if the line is free.
     """
 
     registers = register_ports("texture_enable", "divisor")
+
+    latency = Scheduler.latency + Framer.latency + UARTTransmitter.latency
 
     def __init__(self, width, height):
         self.width, self.height = width, height

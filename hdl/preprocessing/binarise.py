@@ -12,9 +12,8 @@ __all__ = ["Binarise"]
 class Binarise(wiring.Component):
     """Marks each pixel at or above a level as lit.
 
-    A pixel leaves one clock after it came in; one pixel a clock is kept up for as long as
-    ``o.ready`` stays high. ``level`` and ``enable`` are sampled with each pixel. What a ``broken``
-    beat carries is dark.
+    One pixel a clock as long as ``o.ready`` stays high. ``level`` and ``enable`` are sampled with
+    each pixel. A ``broken`` beat is dark.
 
     Parameters
     ----------
@@ -31,6 +30,11 @@ class Binarise(wiring.Component):
         Smallest grey value that counts as lit.
     enable : :py:`In(1)`
         Low while no level is known: every pixel is then dark.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a pixel at ``i`` to the same at ``o``.
     """
 
     latency = 1

@@ -1,7 +1,7 @@
 -- Marks each pixel at or above a level as lit. Twin of binarise.py.
 --
--- A pixel leaves one clock after it came in; one pixel a clock is kept up for as long as
--- o_ready stays high. level and enable are sampled with each pixel; without enable, and on a
+-- A pixel leaves one clock after it came in; one pixel a clock as long as o_ready stays high.
+-- level and enable are sampled with each pixel; without enable, and on a
 -- broken beat, the pixel is dark. Legal as VHDL-93 and -2008.
 
 library ieee;

@@ -12,7 +12,7 @@ _SLOPE_BITS = 16
 
 
 class Centring(wiring.Component):
-    """Divides the sums of a spot by its weight, by a product with a reciprocal from a table.
+    """Divides the sums of a spot by its weight: multiplies by a reciprocal from a table.
 
     The weight is shifted left, a bit a clock, until its bit 15 is set, and the sums with it; the
     shifted weight gives the reciprocal by a table of 256 words and linear interpolation; two
@@ -20,8 +20,8 @@ class Centring(wiring.Component):
     the format of the table are those of :func:`model.preprocessing.centre.centres`.
 
     A spot of weight w is taken ``19 - w.bit_length()`` clocks after the clock in which it became
-    valid, or later if ``o`` waits, and is valid at ``o`` one clock later. So spots follow each
-    other every 4 to 19 clocks while ``o`` is ready, and end markers take 4. Reset forgets what is
+    valid, or later if ``o`` stalls, and is valid at ``o`` one clock later. So spots follow each
+    other every 4 to 19 clocks while ``o`` is ready, and end markers take 4. Reset discards the spot
     under way.
 
     Paper, section on the spot centres: a product with a coefficient from a table, there indexed
@@ -34,10 +34,17 @@ class Centring(wiring.Component):
     o : :py:`Out(stream.Signature(Centre))`
         The same with centres, in the same order.
     table_address : :py:`Out(8)`
-        Word of the reciprocal table that is asked for.
+        Word of the reciprocal table to be read.
     table_data : :py:`In(36)`
         That word, one clock later.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a spot at ``i`` to its centre at ``o``, at most: those of a spot of weight 1.
     """
+
+    latency = 19
 
     def __init__(self):
         super().__init__({

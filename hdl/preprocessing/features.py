@@ -1,4 +1,4 @@
-"""What a component collects from its pixels.
+"""The sums that make a component's features.
 
 The features form a monoid: :func:`empty`, :func:`of_pixel`, and :func:`merge`, which is associative
 and commutative. Labelling adds them up without knowing what they mean.
@@ -15,8 +15,8 @@ __all__ = ["Features", "empty", "of_pixel", "merge"]
 class Features(data.Struct):
     """Sums over pixels; fields as in :class:`..payloads.Spot`.
 
-    The top bit of ``area`` stays set once the area reached :data:`..payloads.AREA_LIMIT`. All the
-    other bits are then of no meaning, except ``core``; the sums may have wrapped.
+    The top bit of ``area`` stays set once the area reached :data:`..payloads.AREA_LIMIT`. All
+    other bits except ``core`` are then meaningless; the sums may have wrapped.
     """
 
     core: 1

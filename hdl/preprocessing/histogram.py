@@ -1,4 +1,4 @@
-"""Histogram of the part of a frame that the threshold is learnt from."""
+"""Histogram of the part of a frame that the threshold is measured on."""
 
 from amaranth import *
 from amaranth.lib import stream, wiring
@@ -15,15 +15,15 @@ class Histogram(wiring.Component):
     """Counts the grey values of a frame's middle rows, or of all of them.
 
     From the end of a frame until the next one's first counted row the bins are cleared, one a
-    clock; then pixels are counted; while the last rows pass the bins can be read. How many first
-    and last rows that takes follows from the width, for pixels that come without any pause: the
-    level is then known when the next frame begins, and never depends on blanking. Rows in the
-    middle are chosen so that no bin can overflow, which leaves some out of frames of more than
-    131,071 pixels. ``rows`` holds the first row that is counted and the first one after.
+    clock; then pixels are counted; while the last rows pass the bins can be read. The number of
+    rows that this takes follows from the width, for pixels that come without a pause: the level is
+    known when the next frame begins, and never depends on blanking. The rows in the middle are
+    chosen so that no bin can overflow; of frames of more than 131,071 pixels some are left out.
+    ``rows`` holds the first row that is counted and the first one after.
 
-    With ``whole``, frames wait in a memory for their own level, so that there is time between
-    them: all rows count, and the bins are cleared, in 257 clocks, after ``clear``, after a broken
-    frame and after reset. Frames must begin while ``clean`` is high.
+    With ``whole``, frames wait in a memory for their own level, so there is time between them: all
+    rows count, and the bins are cleared, in 257 clocks, after ``clear``, after a broken frame and
+    after reset. Frames must begin while ``clean`` is high.
 
     Parameters
     ----------
@@ -49,7 +49,14 @@ class Histogram(wiring.Component):
         With ``whole``: the bins have been read.
     clean : :py:`Out(1)`
         With ``whole``: all bins are empty, or a frame is being counted.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from ``address`` to ``count``.
     """
+
+    latency = 1
 
     def __init__(self, width, height, whole=False):
         self.rows = counted_rows(width, height, whole)

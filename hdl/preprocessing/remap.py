@@ -9,18 +9,18 @@ from ..payloads import GreyPixel
 
 __all__ = ["DIFFERENCE_BITS", "Remap"]
 
-#: Bits of the difference between the two places in a word of the table.
+#: Bits of the difference between the two pixel numbers in a word of the table.
 DIFFERENCE_BITS = 12
 _WORD_BITS = 32
-#: Words that may be on their way from the table.
-_ON_THEIR_WAY = 8
+#: Words that may be under way from the table.
+_UNDER_WAY = 8
 
 
 class Remap(wiring.Component):
     """Reads a stored image in the order of the corrected one, nearest neighbour.
 
-    The table has a word for each two pixels of the corrected image, in raster order. It tells
-    which pixels of the image they show, both numbered in raster order:
+    The table has a word for each two pixels of the corrected image, in raster order. It holds the
+    numbers of the pixels that they show, in raster order of the image:
 
     ======== ==================================================================
     bits     meaning
@@ -30,17 +30,16 @@ class Remap(wiring.Component):
     30, 31   the first one, the second one shows nothing and is 0
     ======== ==================================================================
 
-    Places beyond the image must be marked as showing nothing.
+    Pixels outside the image must be flagged as showing nothing.
 
-    A frame waits at ``start`` while it is read, and is taken when the image is needed no longer.
-    A frame that lost synchronism is not read: a ``broken`` beat stands for it.
+    A frame waits at ``start`` while it is read, and is taken when the image is no longer needed. A
+    frame that lost synchronism is not read: a ``broken`` beat is sent instead.
 
-    One pixel a clock as long as ``ask`` and ``o`` are ready and a word answers within 12 clocks;
-    a word's first pixel is at ``o`` three clocks after it. No more words are asked for than there
-    is room for. Reset forgets all frames.
+    One pixel a clock as long as ``ask`` and ``o`` are ready and a word answers within 12 clocks. No
+    more words are requested than the queue has room for. Reset discards all frames.
 
     Paper, section on distortion correction: a look-up table computed off-line, nearest neighbour,
-    8-bit pixels, 18-bit coordinates. Telling the second of two places by a difference is ours: it
+    8-bit pixels, 18-bit coordinates. Giving the second of two pixels as a difference is ours: it
     halves the traffic.
 
     Parameters
@@ -53,16 +52,23 @@ class Remap(wiring.Component):
     start : :py:`In(stream.Signature(1))`
         A frame is stored; high if it lost synchronism.
     ask : :py:`Out(stream.Signature(17))`
-        Word of the table that is wanted.
+        Word of the table to be read.
     answer : :py:`In(stream.Signature(32, always_ready=True))`
-        Words, in the order in which they were asked for.
+        Words, in the order in which they were requested.
     address, read : :py:`Out(18)`, :py:`Out(1)`
         Pixel of the image that is read in this clock.
     grey : :py:`In(8)`
         Its grey value, from the next clock until another one is read.
     o : :py:`Out(stream.Signature(GreyPixel))`
         The corrected image.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from a word at ``answer`` to its first pixel at ``o``.
     """
+
+    latency = 3
 
     def __init__(self, width, height):
         for name, value in [("width", width), ("height", height)]:
@@ -84,16 +90,16 @@ class Remap(wiring.Component):
         pixels = self.width * self.height
         words = (pixels + 1) // 2
 
-        # Words are asked for as long as there is room for them; they wait in a queue.
+        # Words are requested as long as the queue has room for them.
         asked = Signal(range(words))
         all_asked = Signal()
-        on_their_way = Signal(range(_ON_THEIR_WAY + 1))
+        under_way = Signal(range(_UNDER_WAY + 1))
         asks, used, done = Signal(), Signal(), Signal()
-        m.submodules.queue = queue = SyncFIFO(width=_WORD_BITS, depth=_ON_THEIR_WAY)
+        m.submodules.queue = queue = SyncFIFO(width=_WORD_BITS, depth=_UNDER_WAY)
         m.d.comb += [
             self.ask.p.eq(asked),
             self.ask.valid.eq(
-                self.start.valid & ~self.start.p & ~all_asked & ~on_their_way[-1]),
+                self.start.valid & ~self.start.p & ~all_asked & ~under_way[-1]),
             asks.eq(self.ask.valid & self.ask.ready),
             queue.w_en.eq(self.answer.valid),
             queue.w_data.eq(self.answer.p),
@@ -107,36 +113,36 @@ class Remap(wiring.Component):
         with m.If(done):
             m.d.sync += all_asked.eq(0)
         with m.If(asks & ~used):
-            m.d.sync += on_their_way.eq(on_their_way + 1)
+            m.d.sync += under_way.eq(under_way + 1)
         with m.Elif(used & ~asks):
-            m.d.sync += on_their_way.eq(on_their_way - 1)
+            m.d.sync += under_way.eq(under_way - 1)
 
-        # A word's two places, one after the other; then their pixels.
+        # A word's two pixel numbers, one after the other; then the pixels.
         second, single = Signal(), Signal()
-        place_free, pixel_free = Signal(), Signal()
-        placed = Signal()
+        number_free, pixel_free = Signal(), Signal()
+        numbered = Signal()
         outside = Signal()
         shown = Signal()
         dark = Signal()
-        place, difference = queue.r_data[:18], queue.r_data[18:30].as_signed()
+        first_number, difference = queue.r_data[:18], queue.r_data[18:30].as_signed()
         m.d.comb += [
             pixel_free.eq(~shown | self.o.ready),
-            place_free.eq(~placed | pixel_free),
-            used.eq(queue.r_rdy & place_free & (second | single)),
-            self.read.eq(placed & pixel_free),
-            done.eq(all_asked & (on_their_way == 0) & ~placed),
+            number_free.eq(~numbered | pixel_free),
+            used.eq(queue.r_rdy & number_free & (second | single)),
+            self.read.eq(numbered & pixel_free),
+            done.eq(all_asked & (under_way == 0) & ~numbered),
         ]
-        with m.If(place_free):
+        with m.If(number_free):
             m.d.sync += [
-                placed.eq(queue.r_rdy),
+                numbered.eq(queue.r_rdy),
                 second.eq(queue.r_rdy & ~second & ~single),
-                self.address.eq(place + Mux(second, difference, 0)),
+                self.address.eq(first_number + Mux(second, difference, 0)),
                 outside.eq(Mux(second, queue.r_data[31], queue.r_data[30])),
             ]
         with m.If(pixel_free):
-            m.d.sync += [shown.eq(placed), dark.eq(outside)]
+            m.d.sync += [shown.eq(numbered), dark.eq(outside)]
         if pixels % 2:
-            # The last word has one place only.
+            # The last word has one pixel only.
             left = Signal(range(words), init=words - 1)
             m.d.comb += single.eq(left == 0)
             with m.If(used):

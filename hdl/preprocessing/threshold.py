@@ -39,16 +39,16 @@ def counted_rows(width, height, whole=False):
 
 
 class Threshold(wiring.Component):
-    """T = mean + alpha sigma of the background, learnt on the frame before, or on a whole frame.
+    """T = mean + alpha sigma of the background, of the frame before or of a whole frame.
 
     Reads the bins twice once a frame's histogram is closed: from black to find the first mode,
     then from its peak outwards, up and down, to sum it. T = 1 + peak + sum / pixels by counting
     subtractions; the definitions are those of ``model/preprocessing/threshold.py`` (the paper's
     Section VI).
 
-    The result is ready :attr:`latency` clocks after ``closed`` at the latest, when ``known`` rises,
-    and comes into force with ``done``, so that the next frame's first pixel meets it. After
-    ``lost`` the old one stays: a lost frame does not cost the next one.
+    ``known`` rises when the result is ready, and the result takes effect with ``done``, so that it
+    is valid for the next frame's first pixel. After ``lost`` the old one stays: a lost frame does
+    not spoil the next one.
 
     Parameters
     ----------
@@ -74,9 +74,13 @@ class Threshold(wiring.Component):
         Smallest grey value that is lit.
     threshold_valid : :py:`Out(1)`
         Low until a threshold is known.
+
+    Attributes
+    ----------
+    latency : :class:`int`
+        Clocks from ``closed`` to ``known``, at most: two scans and a division.
     """
 
-    #: Clocks from ``closed`` to the result at most: two scans and a division.
     latency = _LATENCY
 
     def __init__(self, width, height, whole=False):
@@ -99,17 +103,17 @@ class Threshold(wiring.Component):
     def elaborate(self, platform):
         m = Module()
 
-        # What it is at, one bit each, and `start`, from which a scan goes. Everything that steers
-        # a sum or a count comes straight from a register: what is decided late only enables.
+        # The state, one bit each, and `start`, from which a scan goes. Everything that selects an
+        # operand comes straight from a register: what is decided late only enables.
         idle, start = Signal(init=1), Signal(init=1)
         finding, summing, dividing, known = Signal(), Signal(), Signal(), self.known
         down = Signal()
 
-        # A scan brings the bins in one after the other, up or down, from `place`; `age` counts the
+        # A scan reads the bins one after the other, up or down, from `position`; `age` counts the
         # clocks since it began, as ones. Bins 0 and 255 are no part of a mode and count as empty.
         # Three clocks after its address, `value` and `smooth` (by 1 2 1) of the bin `number` are
-        # there. A scan's first bin is not smoothed right, and not judged by it.
-        place = Signal(8)
+        # valid. A scan's first bin is smoothed wrongly, and not judged by it.
+        position = Signal(8)
         at, came, passed, number = Signal(8), Signal(8), Signal(8), Signal(8)
         empty, edge_next, edge = Signal(), Signal(), Signal()
         age = Signal(4)
@@ -121,8 +125,8 @@ class Threshold(wiring.Component):
             pair.eq(middle + Mux(empty, 0, self.count)),
         ]
         m.d.sync += [
-            # One adder gives place, at + 1 or at - 1; its lowest bit brings the carry in.
-            at.eq((Cat(C(1, 1), Mux(start, place, at))
+            # One adder gives position, at + 1 or at - 1; its lowest bit brings the carry in.
+            at.eq((Cat(C(1, 1), Mux(start, position, at))
                    + Cat(~start & ~down, (~start & down).replicate(8)))[1:]),
             came.eq(at),
             passed.eq(came),
@@ -190,7 +194,7 @@ class Threshold(wiring.Component):
         divided, divides = Signal(), Signal()
         m.d.comb += [
             addend.eq(Mux(dividing, ~Cat(C(0, 4), pixels, C(0, 14)), product)),
-            divides.eq(dividing & ~(divided & total[-1]) & (place != 255)),
+            divides.eq(dividing & ~(divided & total[-1]) & (position != 255)),
         ]
         m.d.sync += divided.eq(dividing)
         with m.If(finding):
@@ -198,9 +202,9 @@ class Threshold(wiring.Component):
         with m.Elif(adding | divides):
             m.d.sync += total.eq((Cat(C(1, 1), total) + Cat(dividing, addend))[1:])
         with m.If(idle):
-            m.d.sync += place.eq(0)
+            m.d.sync += position.eq(0)
         with m.Elif(higher | divides):
-            m.d.sync += place.eq((Cat(C(1, 1), Mux(dividing, place, number))
+            m.d.sync += position.eq((Cat(C(1, 1), Mux(dividing, position, number))
                                   + Cat(dividing, C(0, 8)))[1:])
 
         level_valid = Signal()
@@ -210,9 +214,9 @@ class Threshold(wiring.Component):
             self.threshold_valid.eq(self.fixed | level_valid),
         ]
         with m.If(known & self.done):
-            m.d.sync += [level.eq(place), level_valid.eq(1)]
+            m.d.sync += [level.eq(position), level_valid.eq(1)]
 
-        # Whatever it has come to, the end of the frame ends it.
+        # The end of the frame ends every state.
         m.d.sync += start.eq(searched | summed | (idle & ~self.closed))
         with m.If(idle):
             m.d.sync += [idle.eq(~self.closed), finding.eq(self.closed), down.eq(0)]

@@ -85,7 +85,7 @@ class TwoPassLabelling(wiring.Component):
     ----------
     latency : :class:`int`
         Clocks from a frame's first pixel to its end marker if the frame has no label and nothing
-        stalls; labels and spots add to it as told above.
+        stalls; labels and spots add to it, see above.
     overhead : :class:`int`
         Clocks of a frame that depend on nothing, with a memory that answers after two clocks; a
         frame without a label saves one of them.

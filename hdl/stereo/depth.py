@@ -12,14 +12,14 @@ _FRACTION_BITS = 12
 
 
 class Depth(wiring.Component):
-    """Measures the inverse depth of the spots whose beam is known.
+    """Computes the inverse depth of the spots whose beam is known.
 
     The inverse depth is ``(alpha * x + beta + 2**11) >> 12`` with the beam's alpha and beta. A
     spot whose inverse depth is below 1 or above ``2**18 - 1`` becomes rejected. Spots of any other
     status than ok, and end markers, pass unchanged, in the same time.
 
-    A spot waits at ``i`` until its point is taken at ``o``, where it appears :attr:`latency`
-    clocks after it came: a spot takes ``latency + 1`` clocks.
+    A spot waits at ``i`` until its point is taken at ``o``, so a spot takes ``latency + 1`` clocks
+    or more. Reset discards the spot under way.
 
     Paper, section on the 3-D unit: the depth block, identical to the estimation block; here one
     multiplier and one adder for all beams, beta first.
@@ -31,7 +31,7 @@ class Depth(wiring.Component):
     o : :py:`Out(stream.Signature(Point))`
         The same, in the same order.
     table_address : :py:`Out(8)`
-        Word that is wanted: ``2 * beam`` for alpha (signed 18 bits, Q5.12), ``2 * beam + 1`` for
+        Word to be read: ``2 * beam`` for alpha (signed 18 bits, Q5.12), ``2 * beam + 1`` for
         beta (signed 36 bits, 12 fraction bits).
     table_data : :py:`In(36)`
         That word, one clock later.
@@ -39,7 +39,7 @@ class Depth(wiring.Component):
     Attributes
     ----------
     latency : :class:`int`
-        Clocks from ``i`` to ``o``: 5.
+        Clocks from a spot at ``i`` to its point at ``o``.
     """
 
     latency = 5
@@ -67,12 +67,12 @@ class Depth(wiring.Component):
 
         # One-hot: beta is there, alpha is there, the total is there, it is checked.
         step = Signal(4)
-        taken = Signal()
+        takes = Signal()
         m.d.comb += [
             self.table_address.eq(Cat(~step[0], spot.beam)),
             addend.eq(Mux(step[0], self.table_data.as_signed(),
                           self.table_data[:18].as_signed() * spot.x)),
-            taken.eq(self.o.valid & self.o.ready),
+            takes.eq(self.o.valid & self.o.ready),
         ]
         m.d.sync += step.eq(Cat(self.i.valid & ~step.any() & ~self.o.valid, step[:3]))
 
@@ -93,15 +93,15 @@ class Depth(wiring.Component):
         failed = Signal()
         with m.If(step[0] | step[1]):
             m.d.sync += total.eq(total - ~addend)
-        with m.If(taken | (step[3] & (~ok | far))):
+        with m.If(takes | (step[3] & (~ok | far))):
             m.d.sync += total.eq(start)
         with m.If(step[3]):
             m.d.sync += [self.o.valid.eq(1), failed.eq(ok & far)]
-        with m.If(taken):
+        with m.If(takes):
             m.d.sync += self.o.valid.eq(0)
 
         m.d.comb += [
-            self.i.ready.eq(taken),
+            self.i.ready.eq(takes),
             self.o.p.end.eq(spot.end),
             self.o.p.status.eq(Mux(failed, Status.REJECTED, spot.status)),
             self.o.p.beam.eq(Mux(failed, 0, spot.beam)),

@@ -21,18 +21,17 @@ class Epipolar(wiring.Component):
     """Tries every epipolar line on a spot (estimation, comparison, encoding).
 
     ``lanes`` lines are tried a clock, so a spot takes ``ceil(beams / lanes)`` clocks and spots
-    follow each other without a pause; :attr:`latency` clocks lie between a spot's first clock at
-    ``i`` and its first one at ``o``. While ``o`` is stalled everything stands still.
+    follow each other without a pause. While ``o`` stalls, the whole block stands still.
 
     The estimate of line k is ``((slope * x + 2**16) >> 17) + offset``. A spot is on the line if it
     is closer to the estimate than the tolerance, and hits beam k if also ``u_min <= x <= u_max``,
-    both limits included, x cut to Q9.4. One hit gives the beam, more make the spot ambiguous.
+    both limits included, x truncated to Q9.4. One hit gives the beam, more make the spot ambiguous.
     Without a hit it is rejected if it is on some line, else noise. Spots that come in rejected,
-    and end markers, take their time but pass.
+    and end markers, take the same time and pass unchanged.
 
     A tolerance of zero disables a beam; all are disabled until they are written. The words lie in
-    two banks. A word may be written or read back at any time; what is being matched meanwhile may
-    come out wrong.
+    two banks. A word may be written or read back at any time, but a spot that is being matched in
+    that clock may be matched wrongly. Reset discards the spots under way, not the words.
 
     Paper, section on the 3-D unit: estimation block, comparison block, encoder; all K lines at
     once there, here on P lanes. The window is ours.
@@ -74,7 +73,7 @@ class Epipolar(wiring.Component):
     groups : :class:`int`
         Clocks that a spot takes.
     latency : :class:`int`
-        Clocks from ``i`` to ``o``, unstalled: ``groups + 3``.
+        Clocks from a spot's first clock at ``i`` to its first one at ``o``: ``groups + 3``.
     """
 
     def __init__(self, beams, lanes):
@@ -104,7 +103,7 @@ class Epipolar(wiring.Component):
         m = Module()
         spot = self.i.p
 
-        # Everything moves, unless a result waits to be taken.
+        # Everything advances, unless a result waits to be taken.
         run = Signal()
         m.d.comb += run.eq(~self.o.valid | self.o.ready)
 
@@ -123,9 +122,9 @@ class Epipolar(wiring.Component):
         with m.If(run & self.i.valid):
             m.d.sync += group.eq(Mux(last, 0, group + 1))
 
-        # What tells of the spot waits here, while the last of its groups is on its way. It takes
-        # one place, or as many as spots can be on their way at once.
-        places = -(-_DEPTH // self.groups)
+        # The spot's other fields wait here while the last of its groups is in the pipeline. They
+        # take one slot, or as many as there can be spots in the pipeline.
+        slots = -(-_DEPTH // self.groups)
         carried = Signal(Match)
         m.d.comb += [
             carried.end.eq(spot.end),
@@ -135,15 +134,15 @@ class Epipolar(wiring.Component):
             carried.x.eq(spot.x),
             carried.status.eq(Mux(spot.rejected, Status.REJECTED, Status.OK)),
         ]
-        waiting = Array(Signal(Match, name=f"waiting_{n}") for n in range(places))
-        put = Signal(range(max(2, places)))
-        get = Signal(range(max(2, places)))
+        waiting = Array(Signal(Match, name=f"waiting_{n}") for n in range(slots))
+        put = Signal(range(max(2, slots)))
+        get = Signal(range(max(2, slots)))
         oldest = Signal(Match)
         m.d.comb += oldest.eq(waiting[get])
         with m.If(self.i.valid & self.i.ready):
-            m.d.sync += [waiting[put].eq(carried), put.eq(Mux(put == places - 1, 0, put + 1))]
+            m.d.sync += [waiting[put].eq(carried), put.eq(Mux(put == slots - 1, 0, put + 1))]
         with m.If(self.o.valid & self.o.ready):
-            m.d.sync += get.eq(Mux(get == places - 1, 0, get + 1))
+            m.d.sync += get.eq(Mux(get == slots - 1, 0, get + 1))
 
         # Clock 1: the words of the group's beams have been read.
         valid_1, first_1, last_1 = Signal(), Signal(), Signal()
@@ -187,7 +186,7 @@ class Epipolar(wiring.Component):
                     inside.eq((column >= u_min) & (column <= u_max)),
                 ]
 
-            # A place of the last group without a beam never hits.
+            # A lane without a beam in the last group never hits.
             used = Signal(name=f"used_{lane}")
             m.d.comb += used.eq(1)
             if (self.groups - 1) * self.lanes + lane >= self.beams:

@@ -48,7 +48,7 @@ architecture rtl of epipolar is
   constant depth : positive := 4;
   constant groups : positive := (beams + lanes - 1) / lanes;
   -- Spots that can be on their way at once.
-  constant places : positive := (depth + groups - 1) / groups;
+  constant slots : positive := (depth + groups - 1) / groups;
   -- Two lanes share a memory of each kind, which holds the words of all beams.
   constant pairs : positive := (lanes + 1) / 2;
 
@@ -60,7 +60,7 @@ architecture rtl of epipolar is
 
   -- What is known of a spot without its match: x, v, u, area, rejected, end.
   subtype carried is std_logic_vector(63 downto 0);
-  type carried_array is array (places - 1 downto 0) of carried;
+  type carried_array is array (slots - 1 downto 0) of carried;
 
   function to_std_logic(condition : boolean) return std_logic is
   begin
@@ -75,7 +75,7 @@ architecture rtl of epipolar is
     return resize(base + to_unsigned(lane, 8), 7);
   end function;
 
-  -- Everything moves, unless a result waits to be taken.
+  -- Everything advances, unless a result waits to be taken.
   signal run : std_logic;
   signal result_valid : std_logic := '0';
 
@@ -85,7 +85,7 @@ architecture rtl of epipolar is
   signal taken : std_logic;
 
   signal waiting : carried_array := (others => (others => '0'));
-  signal put, get : integer range 0 to places - 1 := 0;
+  signal put, get : integer range 0 to slots - 1 := 0;
   signal oldest : carried;
 
   -- Clock 1: the words of the group's beams have been read.
@@ -132,7 +132,7 @@ begin
     end if;
   end process;
 
-  -- What tells of the spot waits here, while the last of its groups is on its way.
+  -- The spot's other fields wait here while the last of its groups is in the pipeline.
   oldest <= waiting(get);
 
   keep_spots : process (clk)
@@ -140,14 +140,14 @@ begin
     if rising_edge(clk) then
       if taken = '1' then
         waiting(put) <= i_payload(63 downto 0);
-        if put = places - 1 then
+        if put = slots - 1 then
           put <= 0;
         else
           put <= put + 1;
         end if;
       end if;
       if result_valid = '1' and o_ready = '1' then
-        if get = places - 1 then
+        if get = slots - 1 then
           get <= 0;
         else
           get <= get + 1;
@@ -273,7 +273,7 @@ begin
     error <= doubled(20 downto 1);
     limit <= signed(resize(tolerance & "0000", 20));
     near <= to_std_logic(error < limit and -limit < error);
-    -- A place of the last group without a beam never hits.
+    -- A lane without a beam in the last group never hits.
     used <= not last_2 when (groups - 1) * lanes + lane >= beams else '1';
 
     compare : process (clk)

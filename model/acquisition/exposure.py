@@ -2,7 +2,7 @@
 
 __all__ = ["PINS", "exposure"]
 
-#: Pins of which `exposure` tells, in the order of its phases.
+#: Pins that `exposure` returns, in the order of its phases.
 PINS = ("sensor_reset", "sensor_integrate", "sensor_read")
 
 

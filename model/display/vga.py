@@ -48,7 +48,7 @@ def display(frame, spots=(), reach=None, colour_bits=8):
     spots : sequence of (u, v, ok)
         Centres of its spots, unsigned Q9.9, in the order in which they came.
     reach : :class:`int`, optional
-        As :func:`reach_of` tells by default.
+        By default that of :func:`reach_of`.
     colour_bits : :class:`int`
         Bits of each colour.
 

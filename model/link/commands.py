@@ -107,11 +107,11 @@ class CommandMachine:
 
     # From the host.
 
-    def hear(self, octets):
+    def receive(self, octets):
         """Replies (contents of packets, without sequence number) to octets on the line."""
         replies = []
         for octet in octets:
-            content = self._receiver.hear(octet)
+            content = self._receiver.receive(octet)
             if content is False:
                 self._count("damaged")
                 replies.append(bytes([PacketKind.REPLY, 0, 0, Reason.DAMAGED_PACKET]))

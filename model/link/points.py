@@ -21,7 +21,7 @@ _UNMATCHED_MOST = 10
 
 @dataclass(frozen=True)
 class PatternFrame:
-    """What the chip tells of a pattern frame.
+    """What the chip reports of a pattern frame.
 
     Parameters
     ----------

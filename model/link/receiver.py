@@ -39,15 +39,15 @@ def _decode(octets):
 class PacketReceiver:
     """The receiver octet by octet.
 
-    :meth:`hear` returns the content of a packet that ended with that octet, False if a damaged one
-    did, else None. An octet that comes while the packet before is ``held`` is lost.
+    :meth:`receive` returns the content of a packet that ended with that octet, False if a damaged
+    one did, else None. An octet that comes while the packet before is ``held`` is lost.
     """
 
     def __init__(self):
         self._octets = bytearray()
         self._lost = False
 
-    def hear(self, octet, held=False):
+    def receive(self, octet, held=False):
         if octet:
             self._octets.append(octet)
             self._lost = self._lost or held

@@ -17,7 +17,7 @@ _PIXELS = CONTENT_LIMIT - 4 - 2 - 5
 
 @dataclass(frozen=True)
 class TextureFrame:
-    """What the chip tells of a texture frame; fields as in
+    """What the chip reports of a texture frame; fields as in
     :class:`model.link.points.PatternFrame`."""
 
     number: int = 0

@@ -1,4 +1,4 @@
-"""What the serial receiver hears: levels of a line to octets."""
+"""What the serial receiver receives: levels of a line to octets."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ LATENCY = 4
 
 
 def receive(levels, divisor):
-    """Octets on a line, which was high before, as ``hdl/link/uart_rx.py`` hears them.
+    """Octets on a line, which was high before, as ``hdl/link/uart_rx.py`` receives them.
 
     Parameters
     ----------
@@ -22,11 +22,11 @@ def receive(levels, divisor):
     -------
     list of (clock, octet)
         None in the place of an octet is a character without a stop bit. Clocks are those in which
-        the block tells, if its flip-flops see the first level in clock 0.
+        the block reports, if its flip-flops see the first level in clock 0.
     """
     line = np.concatenate([[1, 1], np.asarray(levels, dtype=np.int64)])
     level = (line[:-2] + line[1:-1] + line[2:] >= 2).astype(int)  # an edge comes a clock late
-    heard, at, usable = [], 0, True
+    received, at, usable = [], 0, True
     while at < len(level):
         if level[at] or not usable:
             usable = usable or bool(level[at])
@@ -41,6 +41,6 @@ def receive(levels, divisor):
         bits = level[middles]
         usable = bool(bits[9])
         octet = int(sum(bit << place for place, bit in enumerate(bits[1:9])))
-        heard.append((int(middles[9]) - 1 + LATENCY, octet if usable else None))
+        received.append((int(middles[9]) - 1 + LATENCY, octet if usable else None))
         at = middles[9] + 1
-    return heard
+    return received

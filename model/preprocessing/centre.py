@@ -12,7 +12,7 @@ def centres(spots, reciprocal):
 
     The weight is shifted left until its bit 15 is set, and the sums with it; be m the shifted
     weight, S a shifted sum, so that S / m is the centre. With R = 2**33 / m, between 2**17 and
-    2**18, the centre in LSB is (S / 2**7) R / 2**17. The table tells C = 2**18 - R, which has 17
+    2**18, the centre in LSB is (S / 2**7) R / 2**17. The table has C = 2**18 - R, which has 17
     bits: a word for each 128 values of m, the value of C in the upper 20 bits (3 of them
     fraction) and its slope by m in the lower 16 (12 of them fraction).
 

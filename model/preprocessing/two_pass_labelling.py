@@ -12,7 +12,7 @@ def label_in_two_passes(lit, core, labels):
 
     A lit pixel asks for a label if none of its neighbours to the west, north-west, north and
     north-east is lit. The first ``labels`` pixels that ask get one. A component with a pixel that
-    asked in vain is dropped whole.
+    got no label is dropped whole.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def label_in_two_passes(lit, core, labels):
         ``core`` is set if any pixel has it; ``weight`` is the area. ``area`` stops at
         :data:`.labelling.AREA_LIMIT`; then ``weight``, ``sum_u`` and ``sum_v`` are 0.
     dropped : :class:`int`
-        Pixels that asked in vain, 65,535 at most.
+        Pixels that got no label, 65,535 at most.
     """
     height, width = lit.shape
     pixels = np.flatnonzero(lit)

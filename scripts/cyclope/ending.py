@@ -31,7 +31,7 @@ class Ending:
     Attributes
     ----------
     why : :class:`str` or None
-        The reason, where the options do not tell it.
+        The reason, where the options do not say it.
     """
 
     def __init__(self, options, source, reception):

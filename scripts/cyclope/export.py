@@ -11,7 +11,7 @@ def add_arguments(parser):
     """Declare what ``cyclope export`` takes."""
     parser.description = (
         "Write every block and the whole design for other tools: Verilog, VHDL twins, contents of "
-        "memories, tables of ports, and projects for ISE, Vivado and Libero. OUT/README.md tells "
+        "memories, tables of ports, and projects for ISE, Vivado and Libero. OUT/README.md says "
         "what is what.")
     parser.add_argument("output", type=Path, metavar="OUT",
                         help="folder to create; it must not hold anything yet")
@@ -37,5 +37,5 @@ def main(arguments):
         blocks = export(folder, lambda block: progress.advance(task), settings)
     twins = sum(block.twin is not None for block in blocks)
     print(f"{len(blocks)} blocks, {twins} VHDL twins and the vendor projects are in "
-          f"{arguments.output}; its README.md tells what is what.")
+          f"{arguments.output}; its README.md describes the files.")
     return 0

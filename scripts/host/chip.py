@@ -45,7 +45,7 @@ _STATUS_OCTETS = sum(field.bits for field in STATUS_FIELDS) // 8
 
 
 class RefusedError(UserError):
-    """The chip refused a command; ``reason`` tells why.
+    """The chip refused a command; ``reason`` says why.
 
     ``repeated`` if the command was sent before, so that the chip may have carried it out.
     """

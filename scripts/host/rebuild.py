@@ -1,7 +1,7 @@
 """Beam and inverse depth of compact points, from the calibration that the chip holds.
 
 The chip sends of an ok point only where it is and how large. What it made of that follows from
-the same tables, with the same integers; the check of each frame tells whether it really did.
+the same tables, with the same integers; the check of each frame shows whether it did.
 """
 
 import numpy as np

@@ -144,7 +144,7 @@ def export(folder, progress=lambda block: None, settings=None):
     folder : path
         Where; a new or an empty folder.
     progress : callable
-        Is told of each block when it is done.
+        Is called with each block when it is done.
     settings : :class:`model.settings.Settings`, optional
         What the chip is loaded with.
     """

@@ -1,7 +1,10 @@
-"""Writes the tables of ``hdl/link/README.md`` and ``hdl/README.md`` from ``hdl/protocol.py``.
+"""Writes the tables of ``hdl/link/README.md`` and ``hdl/README.md`` from the RTL's sources.
 
-A table stands between the lines ``<!-- protocol: NAME -->`` and ``<!-- end -->``. With
-``--check`` nothing is written, and the exit status is 1 if a table is not what it should be.
+Between the lines ``<!-- protocol: NAME -->`` and ``<!-- end -->`` stands a table of
+``hdl/protocol.py``. Between ``<!-- latency: PRESET -->`` and ``<!-- end -->`` a table names a block
+in the first cell of each row; its column *Latency* has the block's attribute ``latency``, at the
+sizes of that preset. With ``--check`` nothing is written, and the exit status is 1 if a table is
+stale.
 """
 
 import argparse
@@ -10,9 +13,11 @@ import re
 import sys
 
 from hdl import protocol
+from hdl.config import PRESETS
 from scripts.paths import ROOT
+from scripts.rtl.blocks import find
 
-__all__ = ["FILES", "TABLES", "main", "meanings", "updated"]
+__all__ = ["FILES", "TABLES", "latency", "main", "meanings", "updated"]
 
 #: Files with tables.
 FILES = ("hdl/link/README.md", "hdl/README.md")
@@ -27,6 +32,9 @@ _WORDS = {
     "see Flag": "as in [points](#points)",
 }
 _MARKED = re.compile(r"(<!-- protocol: (\w+) -->\n).*?(<!-- end -->)", re.S)
+_LATENCIES = re.compile(r"(<!-- latency: (\w+) -->\n)(.*?)(<!-- end -->)", re.S)
+#: How a docstring says what its attribute ``latency`` is.
+_DOCUMENTED = re.compile(r"^latency : :class:`int`\n((?:    .+\n?)+)", re.M)
 
 
 def meanings(enumeration):
@@ -46,9 +54,9 @@ def _rows(heads, rows):
 
 def _members(enumeration, head, code="{:d}"):
     """A table of an enumeration's members."""
-    told = meanings(enumeration)
+    found = meanings(enumeration)
     return _rows((head, "Name", "Meaning"), (
-        (code.format(member), f"`{name}`", told[name])
+        (code.format(member), f"`{name}`", found[name])
         for name, member in enumeration.__members__.items()))
 
 
@@ -64,9 +72,9 @@ def _fields(fields):
 
 
 def _packets():
-    told = meanings(protocol.PacketKind)
+    found = meanings(protocol.PacketKind)
     return _rows(("Kind", "Name", "Body"), (
-        (f"`{kind:02X}`", f"`{kind.name}`", told[kind.name]) for kind in protocol.PacketKind))
+        (f"`{kind:02X}`", f"`{kind.name}`", found[kind.name]) for kind in protocol.PacketKind))
 
 
 def _trailer():
@@ -85,9 +93,9 @@ def _compact():
 
 
 def _commands():
-    told = meanings(protocol.Command)
+    found = meanings(protocol.Command)
     return _rows(("Code", "Command", "Parameters and reply, bits in parentheses"), (
-        (f"`{command:02X}`", f"`{command.name}`", told[command.name])
+        (f"`{command:02X}`", f"`{command.name}`", found[command.name])
         for command in protocol.Command))
 
 
@@ -123,8 +131,8 @@ def _tables():
 
 def _bits(name, head):
     """A table of the bits that a tuple of names stands for."""
-    told = re.search(rf"^{name} = \((.*?)\n\)", inspect.getsource(protocol), re.M | re.S)[1]
-    rows = re.findall(r'"(\w+)",  # (.*)', told)
+    found = re.search(rf"^{name} = \((.*?)\n\)", inspect.getsource(protocol), re.M | re.S)[1]
+    rows = re.findall(r'"(\w+)",  # (.*)', found)
     assert tuple(each for each, _ in rows) == getattr(protocol, name)
     return _rows(("Bit", head, "Meaning"), (
         (bit, f"`{each}`", meaning) for bit, (each, meaning) in enumerate(rows)))
@@ -156,9 +164,43 @@ TABLES = {function.__name__[1:]: function for function in (
     _identity, _status, _causes, _display)}
 
 
+def latency(name, preset):
+    """A block's latency in clocks as the README has it, such as ``3`` or ``832 at most``.
+
+    Raises
+    ------
+    LookupError
+        If there is no such block, or its docstring does not say from what to what its latency
+        is.
+    """
+    block = find(name)
+    documented = _DOCUMENTED.search(inspect.getdoc(block.component_class))
+    if documented is None:
+        raise LookupError(f"The docstring of {name} has no attribute `latency`")
+    clocks = block.component(PRESETS[preset]).latency
+    return f"{clocks:,}" + (" at most" if re.search(r"at\s+most", documented[1]) else "")
+
+
+def _cells(line):
+    return [cell.strip() for cell in line.split("|")[1:-1]]
+
+
+def _with_latencies(table, preset):
+    """A table with the cells of its column *Latency* written anew."""
+    lines = table.splitlines()
+    column = _cells(lines[0]).index("Latency")
+    for number, line in enumerate(lines[2:], 2):
+        cells = _cells(line)
+        cells[column] = latency(cells[0].strip("`"), preset)
+        lines[number] = "|".join(["", *(f" {cell} " if cell else " " for cell in cells), ""])
+    return "\n".join(lines) + "\n"
+
+
 def updated(text):
     """``text`` with all its tables written anew."""
-    return _MARKED.sub(lambda found: found[1] + TABLES[found[2]]() + found[3], text)
+    text = _MARKED.sub(lambda found: found[1] + TABLES[found[2]]() + found[3], text)
+    return _LATENCIES.sub(
+        lambda found: found[1] + _with_latencies(found[3], found[2]) + found[4], text)
 
 
 def main(arguments=None):

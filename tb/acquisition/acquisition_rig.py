@@ -21,13 +21,14 @@ _OUTPUTS = ("sensor_reset", "sensor_integrate", "sensor_read", "timeouts", "late
 class AcquisitionRig(wiring.Component):
     """``guard``: other arguments for the laser guard, which may so be ready sooner.
 
-    ``converter``: arguments for a camera of addressed pixels, which then takes the other's place.
+    ``converter``: the converter's latency and the clocks of a pixel, for a camera of addressed
+    pixels instead of the other.
     """
 
     def __init__(self, width, height, guard=None, converter=None):
         self.sequencer = Sequencer()
         self.addressed = converter is not None
-        self.camera = (AddressedCamera(width, height, **converter) if self.addressed
+        self.camera = (AddressedCamera(width, height, *converter) if self.addressed
                        else Camera(width, height))
         self.guard = LaserGuard(**(guard or {}))
         members = self.sequencer.signature.members

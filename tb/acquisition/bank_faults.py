@@ -11,11 +11,11 @@ FAULTS = {
     "the writer takes the reader's bank": (
         "if number not in (written, held)]", "if number != written]"),
     "the reader does not wait for the answer": (
-        "with m.If(request & answer_heard):", "with m.If(request):"),
+        "with m.If(request & answer_synced):", "with m.If(request):"),
     "the reader keeps reading while it asks": (
         "wants.eq(self.acquire), self.held.eq(0)]", "wants.eq(self.acquire)]"),
     "an answer for a request that has gone": (
-        "self.idle.eq(~request & ~answer_heard)", "self.idle.eq(~request)"),
+        "self.idle.eq(~request & ~answer_synced)", "self.idle.eq(~request)"),
     "frames go to any bank": (
         "m.d.sync += [self.write_bank.eq(~newest), self.free.eq(1)]",
         "m.d.sync += self.free.eq(1)"),

@@ -62,7 +62,7 @@ class ImagerPins(ExposedPins):
 
     The pixels hold their charge while they are read, and there is no other store: a reset or an
     integration meanwhile spoils the rows that have not been read yet. A rise of ``sensor_read``
-    during a frame is not heard.
+    during a frame is ignored.
 
     Parameters
     ----------

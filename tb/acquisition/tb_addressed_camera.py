@@ -4,6 +4,7 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
+from hdl.acquisition.addressed_camera import AddressedCamera
 from model.acquisition.addressed_camera import addressed_camera, conversions
 from tb.acquisition.addressed_pins import AddressedPins
 from tb.harness import Bench, parameters
@@ -76,10 +77,14 @@ async def clocks_of_a_frame(dut):
     """A pixel every `interval` clocks, to the clock."""
     bench = AddressedBench(dut)
     await bench.reset()
-    interval, latency = bench.choices["interval"], bench.choices["latency"]
+    interval = bench.choices["interval"]
+    converted, taken = [], []
+    cocotb.start_soon(watch(dut, converted, taken))
     await bench.read()
     await bench.finish()
     bench.check()
+    latency = AddressedCamera(8, 8, bench.choices["latency"], interval).latency
+    assert np.array_equal(np.array(taken) - converted, np.full(bench.pixels, latency))
     clocks = np.array([clock for clock, *_ in bench.pins.converted])
     width, height = bench.choices["width"], bench.choices["height"]
     wanted = conversions(width, height, interval, 0)
@@ -87,7 +92,19 @@ async def clocks_of_a_frame(dut):
     arrived = np.array([clock for clock, _ in bench.o.words])
     assert set(np.diff(arrived)) == {interval}
     assert arrived[-1] - arrived[0] == (bench.pixels - 1) * interval
-    assert latency <= arrived[0] <= latency + interval + 12
+
+
+async def watch(dut, converted, taken):
+    """Clocks with a conversion, and those in which a pixel is taken."""
+    clock = 0
+    while True:
+        await ReadOnly()
+        if dut.convert.value:
+            converted.append(clock)
+        if dut.o_valid.value and dut.o_ready.value:
+            taken.append(clock)
+        await RisingEdge(dut.clk)
+        clock += 1
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")

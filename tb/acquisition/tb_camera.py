@@ -2,8 +2,10 @@
 
 import cocotb
 import numpy as np
-from cocotb.triggers import ClockCycles, RisingEdge
+from cocotb.simtime import get_sim_time
+from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
+from hdl.acquisition.camera import Camera
 from model.acquisition.camera import BROKEN, FRAME_END, OVERRUN, camera
 from tb.acquisition.pins import FAULTS, show
 from tb.harness import Bench, parameters, start_clock
@@ -88,6 +90,40 @@ async def good_frames(dut, pixel_ps, blanking):
     for _ in range(4):
         await bench.show(show(rng, random_image(rng), blanking=blanking, least=pause(pixel_ps)))
     await bench.check()
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
+@cocotb.parametrize(pixel_ps=[10_000, 9_998, 13_700, 41_000])
+async def latency(dut, pixel_ps):
+    """From the edge that samples a pixel to the end of the clock in which it is valid."""
+    rng = np.random.default_rng(pixel_ps)
+    bench = CameraBench(dut, pixel_ps)
+    sampled, valid = [], []
+
+    async def pixels():
+        while True:
+            await ReadOnly()
+            brings = dut.frame_valid.value and dut.line_valid.value
+            await RisingEdge(dut.pixel_clk)
+            if brings:
+                sampled.append(get_sim_time("ps"))
+
+    async def words():
+        while True:
+            await ReadOnly()
+            shows = dut.o_valid.value
+            await RisingEdge(dut.clk)
+            if shows:
+                valid.append(get_sim_time("ps"))
+
+    await bench.begin()
+    cocotb.start_soon(pixels())
+    cocotb.start_soon(words())
+    await bench.show(show(rng, random_image(rng)))
+    await bench.check()
+    assert len(sampled) == len(valid) == WIDTH * HEIGHT
+    clocks = (np.array(valid) - sampled - pixel_ps) / 10_000
+    assert Camera.latency - 1 < clocks.max() <= Camera.latency
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
@@ -230,7 +266,7 @@ async def overrun_ends_as_a_frame_begins(dut):
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
 async def torn_while_the_queue_is_full(dut):
-    """A frame ends early when it has just filled the queue: its end is told all the same."""
+    """A frame ends early when it has just filled the queue: its end is reported all the same."""
     rng = np.random.default_rng(parameters()["seed"])
     bench = CameraBench(dut, 10_000)
     await bench.begin()

@@ -4,6 +4,7 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles, FallingEdge, ReadOnly, RisingEdge
 
+from hdl.acquisition.exposure import Exposure
 from model.acquisition.exposure import exposure
 from tb.harness import Bench, parameters
 
@@ -47,6 +48,7 @@ class ExposureBench(Bench):
         dut.laser.value, dut.start.value = laser, 1
         await ReadOnly()
         timeline = exposure(self.clocks * 1_000_000, reset_us, exposure_us, laser, self.cycle)
+        assert timeline["sensor_reset"][0] - self.cycle == Exposure.latency
         await RisingEdge(dut.clk)
         dut.start.value = 0
         dut.reset_us.value, dut.exposure_us.value = ~reset_us & 0xFFFF, 7
@@ -71,7 +73,7 @@ async def random_times(dut):
         reset_us, exposure_us = (int(value) for value in rng.integers(1, (30, 60)))
         timelines.append(await bench.start(reset_us, exposure_us, int(rng.integers(2))))
         await ClockCycles(dut.clk, 2)
-        dut.start.value = 1  # not heard
+        dut.start.value = 1  # ignored
         await FallingEdge(dut.sensor_integrate)
         await RisingEdge(dut.clk)
         dut.start.value = 0

@@ -5,12 +5,13 @@ import random
 import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
+from hdl.acquisition.frame_banks import FrameBanks
 from tb.harness import parameters, start_clock
 
 #: (writer's, reader's) clock period in picoseconds.
 CLOCKS = ((10_000, 10_000), (10_000, 7_300), (7_300, 10_000), (10_000, 83_000), (83_000, 10_000))
 #: Most clocks of reader and writer that an answer takes.
-ANSWER = 5, 4
+ANSWER = FrameBanks.latency, 4
 
 
 class Ports:
@@ -37,7 +38,7 @@ class Ports:
         """A frame of so many clocks; the bank that it went to, or None."""
         dut = self.dut
         dut.opens.value = 1
-        dut.info.value = info ^ 0x1FFFF  # only heard in the end
+        dut.info.value = info ^ 0x1FFFF  # sampled only at the end
         await ReadOnly()
         free, bank = bool(dut.free.value), int(dut.write_bank.value)
         await RisingEdge(dut.clk)

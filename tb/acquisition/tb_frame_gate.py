@@ -2,6 +2,7 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
+from hdl.acquisition.frame_gate import FrameGate
 from hdl.payloads import FrameInfo, FrameTag, GreyPixel
 from model.acquisition.frame_gate import gate
 from tb.harness import Bench, parameters
@@ -113,10 +114,10 @@ async def a_pixel_a_clock(dut, texture):
     await bench.i.send(words)
     assert bench.i.taken[-1] - bench.i.taken[0] == len(words) - 1
     await ClockCycles(dut.clk, 2)
-    assert [clock for clock, _ in mine.words] == bench.i.taken
+    assert [clock - FrameGate.latency for clock, _ in mine.words] == bench.i.taken
     (dut.texture_info_ready if texture else dut.info_ready).value = 0
     first = len(bench.i.taken)
-    mine.stall = 1.0  # what is thrown away does not wait for the reader either
+    mine.stall = 1.0  # what is discarded does not wait for the reader either
     await ClockCycles(dut.clk, 2)
     await bench.i.send(words)
     assert bench.i.taken[-1] - bench.i.taken[first] == len(words) - 1
@@ -124,7 +125,7 @@ async def a_pixel_a_clock(dut, texture):
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
 async def skipped_stops_at_255(dut):
-    """... and is told with the next frame that passes, of whichever kind."""
+    """... and is reported with the next frame that passes, of whichever kind."""
     bench = Bench(dut, outputs=("o", "texture"),
                   plain=PLAIN | {"info_ready": 0, "texture_info_ready": 0})
     reader = Reader(bench)

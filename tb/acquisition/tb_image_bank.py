@@ -6,6 +6,7 @@ import cocotb
 import numpy as np
 from cocotb.triggers import RisingEdge
 
+from hdl.acquisition.image_bank import ImageBank
 from tb.harness import Bench, parameters
 from tb.preprocessing.frames import BROKEN_GREY, grey_words
 
@@ -33,18 +34,18 @@ class Rig(Bench):
 
     async def compare(self, image, addresses):
         """Read pixels, one a clock with pauses, and compare them with the image."""
-        dut, waiting = self.dut, None
+        dut, waiting = self.dut, [None] * ImageBank.latency
         for address in [*addresses, None]:
             reads = address is not None and self.rng.random() < 0.8
             dut.read.value = int(reads)
             dut.address.value = address if reads else self.rng.getrandbits(18)
             await RisingEdge(dut.clk)
-            if waiting is not None:
+            if waiting[0] is not None:
                 grey = dut.grey.value.to_unsigned()
-                assert grey == image.flat[waiting], (
-                    f"row {waiting // WIDTH}, column {waiting % WIDTH}: {grey}, "
-                    f"not {image.flat[waiting]}")
-            waiting = address if reads else waiting
+                assert grey == image.flat[waiting[0]], (
+                    f"row {waiting[0] // WIDTH}, column {waiting[0] % WIDTH}: {grey}, "
+                    f"not {image.flat[waiting[0]]}")
+            waiting = [*waiting[1:], address if reads else waiting[-1]]
         dut.read.value = 0
 
     async def taken(self):

@@ -3,6 +3,7 @@ import random
 import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
+from hdl.acquisition.laser_guard import LaserGuard as Block
 from model.acquisition.laser_guard import LaserGuard, worst_window
 from tb.acquisition.laser_driver import LaserDriver
 from tb.harness import parameters, start_clock
@@ -126,6 +127,17 @@ async def free_inputs(dut):
                 await guard.alive(clocks, **inputs, clear=rng.randint(0, 1))
     assert len(guard.lights) > 20
     guard.check()
+
+
+@cocotb.test(timeout_time=100, timeout_unit="ms")
+async def latency(dut):
+    """From the clock of a request to the one in which the pin has changed."""
+    guard = Guard(dut)
+    await guard.start()
+    await guard.arm()
+    asked = guard.clock
+    await guard.alive(4, request=1)
+    assert guard.lights[-1][0] - asked == Block.latency
 
 
 @cocotb.test(timeout_time=100, timeout_unit="ms")

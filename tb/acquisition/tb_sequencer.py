@@ -5,6 +5,7 @@ import numpy as np
 from cocotb.simtime import get_sim_time
 from cocotb.triggers import ClockCycles, FallingEdge, ReadOnly, RisingEdge, Timer
 
+from hdl.acquisition.sequencer import Sequencer
 from model.acquisition.sequencer import (
     CONTINUOUS,
     PATTERN,
@@ -156,6 +157,8 @@ class SequencerBench(Bench):
             part = slice(max(0, wrong[0] - 2), wrong[0] + 3)
             assert got == other, f"{name}: {got[part]} instead of {other[part]}"
         assert self.dut.timestamp_us.value == until // self.clocks
+        for frame in schedule.frames:
+            assert frame.pins["sensor_reset"][0] - frame.start == Sequencer.latency
         return schedule
 
     def expected(self, schedule):
@@ -286,18 +289,18 @@ async def limits(dut, times):
 
 @cocotb.test(timeout_time=50, timeout_unit="ms")
 async def values_are_taken_after_the_start(dut):
-    """A change in each clock around `frame_start`; only up to the clock after it is it heard."""
+    """A change in each clock around `frame_start`; it counts only up to the clock after it."""
     clocks = parameters()["clocks"]
-    changes, heard = [(0, QUICK)], []
+    changes, counted = [(0, QUICK)], []
     for place, offset in enumerate(range(-4, 6), 1):
         start = clocks + 140 * clocks * place
         changes.append((start + offset, Registers(CONTINUOUS, 140, 3, 10 + place, 2, 30)))
-        heard.append(10 + place if offset <= 1 else 9 + place)
+        counted.append(10 + place if offset <= 1 else 9 + place)
     bench = SequencerBench(dut, [frame()], changes)
     await bench.begin()
     schedule = await bench.check(140 * clocks * 11)
     patterns = [taken for taken in schedule.frames if not taken.texture]
-    assert [taken.exposure_us for taken in patterns[1:11]] == heard
+    assert [taken.exposure_us for taken in patterns[1:11]] == counted
 
 
 @cocotb.test(timeout_time=50, timeout_unit="ms")

@@ -5,6 +5,7 @@ import random
 import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
+from hdl.acquisition.sram_frames import SRAMFrames
 from tb.harness import parameters, start_clock
 
 #: (writer's, reader's) clock period in picoseconds.
@@ -143,7 +144,7 @@ class Ports:
                     dut.row.value = row
                     dut.column.value = min(max(clock - 2, 0), self.width - 1)
                     await ReadOnly()
-                    if 4 <= clock < self.width + 4:
+                    if 0 <= clock - 2 - SRAMFrames.latency < self.width:
                         got.append(int(dut.data.value))
                     await RisingEdge(dut.display_clk)
                 picture.append(got)
@@ -229,7 +230,7 @@ async def a_memory_that_stands_still(dut):
     for number in range(2, 2 + frames):
         await ports.send(number)
     await ClockCycles(dut.clk, 2)
-    assert ports.counters()[0] >= 2 and dut.overrun.value, "words were lost, and nobody was told"
+    assert ports.counters()[0] >= 2 and dut.overrun.value, "words were lost, and none was reported"
     lost = ports.counters()[0]
     ports.memory.stall = 0.0
     await ClockCycles(dut.clk, 4000)

@@ -17,10 +17,12 @@ def test_pairs(request, rig, width, height, blanking, period_us):
 
 def test_addressed_pairs(request):
     """The same of an imager with addressed pixels and a converter."""
-    converter = {"latency": 5, "interval": 3}
+    latency, interval = 5, 3
     run(request, "acquisition_rig", "tb.acquisition.tb_acquisition_rig", component=AcquisitionRig(
-            64, 64, {"window_us": 2000, "repetition_us": 1000, "pulse_us": 800}, converter),
-        parameters={"rig": "small", "period_us": 13_000, **converter}, testcase="pairs")
+            64, 64, {"window_us": 2000, "repetition_us": 1000, "pulse_us": 800},
+            (latency, interval)),
+        parameters={"rig": "small", "period_us": 13_000, "latency": latency,
+                    "interval": interval}, testcase="pairs")
 
 
 def test_imager_stops(request):

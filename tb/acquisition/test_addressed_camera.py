@@ -12,7 +12,7 @@ from tb.hdlsim import run
 def test_addressed_camera(request, latency, interval, seed):
     size = {"width": 10, "height": 6}
     run(request, "addressed_camera", "tb.acquisition.tb_addressed_camera",
-        component=AddressedCamera(**size, latency=latency, interval=interval),
+        component=AddressedCamera(**size, converter_latency=latency, interval=interval),
         parameters={**size, "latency": latency, "interval": interval, "seed": seed})
 
 

@@ -32,7 +32,7 @@ def test_words():
     ((352, 288, 3, 448_257),
      "The address of the first bank must be an integer from 0 to 448256, not 448257"),
     ((8, 8, 3, 0, unsigned(33)),
-     "What is known of a frame must fit 32 bits, which unsigned(33) does not"),
+     "A frame's information must fit 32 bits, which unsigned(33) does not"),
 ])
 def test_refuses_parameters(arguments, error):
     with pytest.raises(ValueError) as caught:

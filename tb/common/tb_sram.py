@@ -5,12 +5,13 @@ import random
 import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
+from hdl.common.sram import SRAMPort
 from tb.common.sram_model import SRAM
 from tb.harness import parameters, start_clock
 
 P = parameters()
 CLIENTS = P.get("clients", 1)
-LATENCY = 2
+LATENCY = SRAMPort.latency
 PERIOD_PS = 62_500  # 16 MHz
 
 

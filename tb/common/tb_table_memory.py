@@ -5,6 +5,7 @@ import random
 import cocotb
 from cocotb.triggers import ReadOnly, RisingEdge
 
+from hdl.common.table_memory import TableMemory
 from tb.harness import Bench, parameters
 
 SEED, BEAMS = parameters()["seed"], parameters()["beams"]
@@ -12,7 +13,7 @@ PORTS = ("bank", "a_address", "b_address", "write_bank", "write_enable", "read_e
          "write_address", "write_data")
 
 
-def place(address, bank):
+def index(address, bank):
     """Which word an address stands for: below 256 there are two."""
     if address >= 256:
         return address
@@ -25,8 +26,9 @@ async def reads_what_was_written(dut):
     Bench(dut, inputs=(), outputs=(), plain=dict.fromkeys(PORTS, 0))
     dut.rst.value = 0
     rng = random.Random(SEED)
-    words = {place(address, bank): 0 for address in range(512) for bank in (0, 1)}
-    bank, a, b = 0, None, None
+    words = {index(address, bank): 0 for address in range(512) for bank in (0, 1)}
+    bank = 0
+    due = [(None, None)] * TableMemory.latency
     for clock in range(12000):
         if clock < 1200:
             bank = clock // 600
@@ -46,14 +48,14 @@ async def reads_what_was_written(dut):
         dut.write_address.value = address
         dut.write_data.value = word
         await ReadOnly()
-        for name, want in (("a_data", a), ("b_data", b)):
+        for name, want in zip(("a_data", "b_data"), due.pop(0), strict=True):
             if want is not None:
                 got = int(getattr(dut, name).value)
                 assert got == want, f"clock {clock}, {name}: got {got:#x}, not {want:#x}"
-        host = place(address, host_bank)
-        places = [place(each, bank) for each in addresses]
-        a = None if write else words[host if read else places[0]]
-        b = None if write and host == places[1] else words[places[1]]
+        host = index(address, host_bank)
+        indices = [index(each, bank) for each in addresses]
+        due.append((None if write else words[host if read else indices[0]],
+                    None if write and host == indices[1] else words[indices[1]]))
         if write:
             words[host] = word
         # Reset must leave the words as they are.

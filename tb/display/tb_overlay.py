@@ -4,7 +4,7 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
-from hdl.display.overlay import DIAMONDS
+from hdl.display.overlay import DIAMONDS, Overlay
 from hdl.payloads import OverlaySpot
 from model.display.vga import draw_diamond
 from tb.harness import parameters, start_clock
@@ -73,10 +73,10 @@ class Ports:
         """All colours of a row that was drawn, by a column a clock."""
         dut, colours = self.dut, []
         dut.odd.value = row & 1
-        for column in range(self.width + 2):
+        for column in range(self.width + Overlay.latency):
             dut.column.value = min(column, self.width - 1)
             await ReadOnly()
-            if column >= 2:
+            if column >= Overlay.latency:
                 colours.append(int(dut.colour.value))
             await RisingEdge(dut.display_clk)
         return colours

@@ -84,7 +84,7 @@ def test_frames_in_external_memory(request, tmp_path, seed):
 
 @pytest.mark.parametrize("seed", [4])
 def test_a_torn_picture_is_seen(request, tmp_path, seed, monkeypatch):
-    """A writer that takes the reader's bank tears pictures, and the bench tells."""
+    """A writer that takes the reader's bank tears pictures, and the bench finds it."""
     monkeypatch.setattr("hdl.acquisition.frame_memory.FrameBanks", lambda *arguments: planted(
         "the writer takes the reader's bank", *arguments))
     images, lists = stimuli(np.random.default_rng(seed), 64, 64)

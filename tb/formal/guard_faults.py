@@ -35,7 +35,7 @@ _GO = "go.eq(self.request & self.armed & ~blocked & (fresh | allowed)),"
 _ARMED = "self.armed.eq(permitted & beating & rested),"
 _CAUSES = "self.causes.eq(now | Mux(self.clear, 0, self.causes))"
 _LASER = "self.laser.eq(go & ~self.laser),"
-_BEFORE = "        # Why not.\n"
+_BEFORE = "        # The causes of a refusal.\n"
 
 FAULTS = (
     _fault("pulse one clock longer", _ALLOWED, "allowed.eq(pulsing & (length <= self.pulse) & "
@@ -98,10 +98,11 @@ FAULTS = (
     _fault("a cause pushes out another", _CAUSES,
            "self.causes.eq(Mux(now.any(), now, Mux(self.clear, 0, self.causes)))", "sticky"),
     _fault("clear takes the cause of its clock", _CAUSES,
-           "self.causes.eq(Mux(self.clear, 0, now | self.causes))", "told", "silence"),
-    *(_fault(f"the cause {cause} is lost", f'"{cause}": ', f'"{cause}": C(0) & ', "told")
+           "self.causes.eq(Mux(self.clear, 0, now | self.causes))", "reported", "silence"),
+    *(_fault(f"the cause {cause} is lost", f'"{cause}": ', f'"{cause}": C(0) & ', "reported")
       for cause in ("pulse", "repetition", "duty", "not_armed")),
-    _fault("the cause heartbeat is lost", "(silent & beats[1]) | (heard", "(heard", "silence"),
+    _fault("the cause heartbeat is lost", "(silent & beats[1]) | (requested", "(requested",
+           "silence"),
 )
 
 

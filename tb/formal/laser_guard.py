@@ -38,10 +38,10 @@ class GuardProof(Elaboratable):
         "armed": "the pin is low in the clock after one in which the guard was not armed",
         "arming": "armed is tables or capture, and a live heartbeat, and a window since the reset",
         "stays_dark": "a request once dark stays dark until it goes low",
-        "lit": "`lit` tells when the pin changes",
-        "told": "each dark request has a cause, until clear",
+        "lit": "`lit` indicates that the pin changes",
+        "reported": "each dark request has a cause, until clear",
         "sticky": "causes stay until clear, each for itself",
-        "silence": "a heartbeat that stops is told",
+        "silence": "a heartbeat that stops is reported",
     }
 
     def __init__(self, guard, properties=None, linked=True):
@@ -150,7 +150,7 @@ class GuardProof(Elaboratable):
         m.d.sync += dark.eq((dark | refused) & guard.request & ~reset)
         claim("stays_dark", ~pin, when=dark)
         m.d.sync += cleared.eq(guard.request & ~reset & (cleared | guard.clear))
-        claim("told", guard.causes.any(), when=refused & ~cleared)
+        claim("reported", guard.causes.any(), when=refused & ~cleared)
         causes = _register(5, "causes_seen")
         m.d.sync += causes.eq(Mux(guard.clear, 0, guard.causes))
         claim("sticky", (causes & ~guard.causes) == 0, when=~was_reset)
@@ -191,7 +191,7 @@ class GuardProof(Elaboratable):
              when=g["pulsing"])
         link("left", (g["spent"] <= window_on) & (g["length"] <= pulse), when=g["pulsing"])
         link("blocked", ~g["pulsing"] & was_request & ~was_reset, when=g["blocked"])
-        link("told", guard.causes.any(), when=g["blocked"] & ~cleared)
+        link("reported", guard.causes.any(), when=g["blocked"] & ~cleared)
         link("dark", g["blocked"], when=dark | refused)
         # Pulses: whole ones have even numbers of edges; none is beyond what was left to it.
         link("even", (edges_a_n[0] == pin) & ~edges_b_n[0] & ~edges_c_n[0])

@@ -31,7 +31,7 @@ FAULT_DEPTH = 48
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the table: what was asked, what came of it, whether that is as it should be.
+    """A line of the table: what was asked, the result, whether it is the expected one.
 
     ``seconds`` is None where the line belongs to the run of the one before.
     """

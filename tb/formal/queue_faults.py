@@ -37,8 +37,8 @@ class Fault:
 
 
 def _small(*edits):
-    """Few places, so that the queue is soon full."""
-    return (("_PLACES = 256", "_PLACES = 4"), *edits)
+    """Few slots, so that the queue is soon full."""
+    return (("_SLOTS = 256", "_SLOTS = 4"), *edits)
 
 
 _STAGE, _POINTS = "hdl.common.stage", "hdl.common.point_fifo"
@@ -64,9 +64,9 @@ FAULTS = (
     Fault("point_fifo: reads where it writes", _POINTS, "PointFIFO", _small(
         ("fetch.eq(~push & ", "fetch.eq(")), ("order",), "point_fifo"),
     Fault("point_fifo: a point comes out twice", _POINTS, "PointFIFO", _small(
-        ("read_place.eq(read_place + 1)", "read_place.eq(read_place)")), ("order",), "point_fifo"),
-    Fault("spot_queue: no places for end markers", _SPOTS, "SpotQueue", (
-        ("self.depth - _END_PLACES", "self.depth"),), ("order", "room_for_ends"), "spot_queue",
+        ("read_index.eq(read_index + 1)", "read_index.eq(read_index)")), ("order",), "point_fifo"),
+    Fault("spot_queue: no slots for end markers", _SPOTS, "SpotQueue", (
+        ("self.depth - _END_SLOTS", "self.depth"),), ("order", "room_for_ends"), "spot_queue",
         {"depth": 8}),
     Fault("spot_queue: dropped spots are not counted", _SPOTS, "SpotQueue", (
         ("~rejected & ~room)]", "~rejected & ~room & C(0))]"),), ("conservation",), "spot_queue",
@@ -77,9 +77,9 @@ FAULTS = (
     Fault("spot_queue: counters come behind their frame", _SPOTS, "SpotQueue", (
         ("(~shown.end | counted)", "C(1)"),), ("counts_first",), "spot_queue", {"depth": 8}),
     Fault("depth: a point does not wait", "hdl.stereo.depth", "Depth", (
-        ("with m.If(taken):\n", "with m.If(self.o.valid):\n"),), ("o",)),
+        ("with m.If(takes):\n", "with m.If(self.o.valid):\n"),), ("o",)),
     Fault("depth: the next spot is shown in its place", "hdl.stereo.depth", "Depth", (
-        ("self.i.ready.eq(taken)", "self.i.ready.eq(step[3])"),), ("o",)),
+        ("self.i.ready.eq(takes)", "self.i.ready.eq(step[3])"),), ("o",)),
     Fault("camera: a pixel that waits is skipped", "hdl.acquisition.camera", "Camera", (
         ("queue.r_en.eq(self.o.ready)", "queue.r_en.eq(1)"),), ("o",),
         arguments={"width": 8, "height": 4}),

@@ -125,13 +125,13 @@ def _point_fifo(m, queue, g, inside, top):
     takes = queue.o.valid & queue.o.ready
     token = _Token(m, top.pick, g["push"], Value.cast(queue.i.payload), takes, queue.depth)
     _check(m, token, queue.o.valid, Value.cast(queue.o.payload), takes)
-    level, places = g["level"], len(g["read_place"])
+    level, places = g["level"], len(g["read_index"])
     formal.claim(m, "nothing_lost", token.inside == level + queue.o.valid)
     formal.claim(m, "goes_on", g["push"] | (level == 0) | queue.o.valid | g["fetch"])
     formal.claim(m, "link_level", level <= queue.depth - 1)
     formal.claim(m, "link_places", (
-        g["write_place"] - g["read_place"] - level)[:places] == 0)
-    place = (g["read_place"] + token.ahead - queue.o.valid)[:places]
+        g["write_index"] - g["read_index"] - level)[:places] == 0)
+    place = (g["read_index"] + token.ahead - queue.o.valid)[:places]
     stored = Cat(formal.probe(inside, ["points"], Cat(place, Const(half, 1)))
                  for half in range(2))
     formal.claim(m, "link_word", ~token.held | (queue.o.valid & (token.ahead == 0))
@@ -162,22 +162,22 @@ def _spot_queue(m, queue, g, inside, top):
     formal.claim(m, "link_room", (g["level"] <= queue.depth - 4 + ends_inside)
                  & (ends_inside <= 4))
 
-    # Each end marker has its counters told once, before it is taken.
+    # Each end marker has its counters reported once, before it is taken.
     was_valid, was_taken = Signal(reset_less=True), Signal(reset_less=True)
-    told = Signal(reset_less=True)
+    reported = Signal(reset_less=True)
     new = Signal()
     m.d.comb += new.eq(queue.counts.valid & (~was_valid | was_taken))
     m.d.sync += [
         was_valid.eq(queue.counts.valid & ~ResetSignal()), was_taken.eq(queue.counts.ready),
-        told.eq((told | new) & ~(takes & ends) & ~ResetSignal()),
+        reported.eq((reported | new) & ~(takes & ends) & ~ResetSignal()),
     ]
     head = token.held & (token.ahead == 0)
-    formal.claim(m, "counts_once", ~(new & told))
+    formal.claim(m, "counts_once", ~(new & reported))
     formal.claim(m, "counts_of_an_end", ~new | g["shown"][0])
-    formal.claim(m, "counts_first", ~(takes & ends) | told | new)
+    formal.claim(m, "counts_first", ~(takes & ends) | reported | new)
     formal.claim(m, "counts", ~(head & is_end & new)
                  | (Value.cast(queue.counts.payload) == counters))
-    formal.claim(m, "link_told", g["counted"] == (told | new))
+    formal.claim(m, "link_reported", g["counted"] == (reported | new))
     formal.claim(m, "link_counted", ~g["counted"] | (g["held"] & g["shown"][0]))
 
     # Spots of the frame that comes in: passed on, rejected or dropped.
@@ -190,11 +190,11 @@ def _spot_queue(m, queue, g, inside, top):
     formal.claim(m, "conservation", (spots == 1 << 16) | (
         (g["spots"] == spots) & (passed + g["rejected"] + g["dropped"] == spots)))
 
-    places = len(g["read_place"])
+    places = len(g["read_index"])
     formal.claim(m, "link_ahead", ~token.held | (token.ahead < token.inside))
     formal.claim(m, "link_places", (
-        g["write_place"] - g["read_place"] - g["level"])[:places] == 0)
-    place = (g["read_place"] + token.ahead - g["held"])[:places]
+        g["write_index"] - g["read_index"] - g["level"])[:places] == 0)
+    place = (g["read_index"] + token.ahead - g["held"])[:places]
     words = []
     for memory in ("spots_memory", "counters_memory"):
         for bank in range(2):

@@ -230,15 +230,15 @@ def _remap(m, block, g, inside):
     asks = block.ask.valid & block.ask.ready
     m.d.sync += asked.eq(asked + asks - block.answer.valid)
     formal.assume(m, "answers", ~block.answer.valid | (asked != 0))
-    level, on_their_way = g["queue.level"], g["on_their_way"]
-    formal.claim(m, "link_way", on_their_way == asked + level)
-    formal.claim(m, "link_most", on_their_way <= 8)
+    level, under_way = g["queue.level"], g["under_way"]
+    formal.claim(m, "link_way", under_way == asked + level)
+    formal.claim(m, "link_most", under_way <= 8)
     _sync_queue(m, g, "queue", 8)
     # A pixel once read stays; nothing is read but for a frame that is read.
     was_read = _past(m, block.read, "read_before")
     formal.assume(m, "grey", was_read | (block.grey == _past(m, block.grey, "grey_before")))
     reading = block.start.valid & ~block.start.p
-    formal.claim(m, "link_reading", reading | ~(on_their_way.any() | g["placed"] | g["all_asked"]))
+    formal.claim(m, "link_reading", reading | ~(under_way.any() | g["numbered"] | g["all_asked"]))
 
 
 def _receiver(m, block, g, inside):
@@ -327,7 +327,7 @@ def _point_limiter(m, block, g, inside):
 def _addressed_camera(m, block, g, inside):
     # Every conversion under way has its place in the queue.
     _sync_queue(m, g, "queue", block.depth)
-    under_way = sum(g[f"word_{stage}"][0] for stage in range(1, block.latency + 1))
+    under_way = sum(g[f"word_{stage}"][0] for stage in range(1, block.latency))
     formal.claim(m, "room", g["room"] + g["queue.level"] + under_way == block.depth)
 
 

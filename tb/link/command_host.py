@@ -105,7 +105,7 @@ class Host:
 
     def damaged(self, octets, clocks=None):
         """Send octets that may be damaged; the replies are the model's."""
-        got, wanted = self.send(octets, clocks), self.model.hear(octets)
+        got, wanted = self.send(octets, clocks), self.model.receive(octets)
         assert got == wanted, f"{bytes(octets).hex(' ')}: {got}"
         self._settle()
         self.compare()

@@ -5,6 +5,8 @@ import random
 import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
+from hdl.link.commands import Commands
+from hdl.link.receiver import Receiver
 from hdl.protocol import TABLES, Command, Mode, Reason
 from model.link.commands import CommandMachine
 from model.link.receiver import encode
@@ -80,6 +82,19 @@ async def commit_takes_its_time(dut):
     await bench.pulse("apply")
     await ReadOnly()
     assert int(dut.tables_valid.value) and int(dut.bank.value)
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
+async def latency(dut):
+    """From a packet's closing delimiter to the reply, through the receiver."""
+    bench = Rig(dut)
+    await bench.reset()
+    for content in (bytes([Command.CLEAR, 1]), bytes([Command.CAPTURE, 2, 0, 0])):
+        await bench.i.send(encode(content))
+        while not int(dut.o_valid.value):
+            await RisingEdge(dut.clk)
+        assert bench.cycle - bench.i.taken[-1] == Receiver.latency + Commands.latency
+        assert (await bench.reply())[0] == bench.model.reply(content)
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")

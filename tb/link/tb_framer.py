@@ -6,6 +6,7 @@ import zlib
 import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
+from hdl.link.framer import Framer
 from model.link.framer import frame
 from tb.harness import Bench, parameters
 
@@ -112,6 +113,7 @@ async def clocks_of_assembly(dut):
     assert [b - a for a, b in zip(taken[:41], taken[1:41], strict=False)] == [18] + [9] * 39
     first, first_out = taken[0] - 7, bench.o.words[0][0]
     assert first_out - first == 9 * (41 + 1 + 4) + 1, first_out - first
+    assert first_out - taken[40] == Framer.latency
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")

@@ -4,6 +4,7 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles, RisingEdge
 
+from hdl.link.points import Points
 from hdl.payloads import Counts, FrameInfo, Point
 from model.link.points import packets
 from tb.harness import Bench, parameters
@@ -145,6 +146,25 @@ async def clocks(dut):
         if index and contents[index][0] == 0x54:
             assert times[0] - before <= 14
         at, before = at + len(content), times[-1]
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
+async def latency(dut):
+    """From a frame's end marker to its last packet; bits fill up the octet before."""
+    rng = np.random.default_rng(SEED)
+    bench = make(dut)
+    await bench.reset()
+    waits = []
+    for count in range(1, 8):
+        frame = pattern_frame(rng, near_points(rng, count))
+        send(bench, [frame])
+        while not bench.o.words:
+            await RisingEdge(dut.clk)
+        # The end marker is there in the clock after the last point was taken.
+        waits.append(bench.o.words[0][0] - bench.i.taken[-1] - 1)
+        await check(bench, ["latency"], [frame])
+    # Five short or long points leave seven bits, records none.
+    assert max(waits) == Points.latency - (7 if FULL else 0), waits
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")

@@ -5,6 +5,7 @@ import random
 import cocotb
 from cocotb.triggers import ReadOnly, RisingEdge
 
+from hdl.link.receiver import Receiver
 from model.link.receiver import PacketReceiver, encode
 from tb.harness import Bench, parameters
 
@@ -35,11 +36,12 @@ class Rig(Bench):
         """Send, check after each octet what the block says; the last whole packet's content."""
         last = None
         for octet in octets:
-            wanted = self.model.hear(octet, self.held)
+            wanted = self.model.receive(octet, self.held)
             damages = [await self.clock(octet)]
             for _ in range(self.spacing - 1):
                 damages.append(await self.clock())
-            assert damages == [n == 2 and wanted is False for n in range(self.spacing)]
+            assert damages == [
+                n == Receiver.latency and wanted is False for n in range(self.spacing)]
             if wanted:
                 assert not self.held
                 self.held, last = True, wanted

@@ -6,6 +6,7 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles, RisingEdge
 
+from hdl.link.texture import Texture as Block
 from hdl.payloads import FrameTag
 from model.link.texture import Texture, TextureFrame
 from tb.harness import Bench, parameters
@@ -113,7 +114,7 @@ async def frame_by_frame(dut):
 @cocotb.test(timeout_time=50, timeout_unit="ms")
 async def packets_wait_over_frames(dut):
     """Some packets between frames: what is offered waits, but its pixels come from the frame that
-    is the newest when it is taken. Frames that cannot be told of are left out, and counted."""
+    is the newest when it is taken. Frames that cannot be announced are left out, and counted."""
     bench = Rig(dut, stall=1.0)
     await bench.reset()
     for _ in range(30):
@@ -124,7 +125,7 @@ async def packets_wait_over_frames(dut):
 
 @cocotb.test(timeout_time=50, timeout_unit="ms")
 async def without_pixels(dut):
-    """``enable`` low: frames are told of, no pixels are sent."""
+    """``enable`` low: frames are announced, no pixels are sent."""
     bench = Rig(dut, stall=1.0, enable=0)
     await bench.reset()
     for number in range(4):
@@ -218,14 +219,14 @@ async def frames_and_packets_at_once(dut, gap, stall):
         await RisingEdge(dut.clk)
         idle = 0 if dut.busy.value else idle + 1
 
-    told = []
+    announced = []
     for _, content in sent:
         if content[0] == 0x59:
             number = int.from_bytes(content[2:4], "little")
-            left_out = number - told[-1] - 1 if told else number
+            left_out = number - announced[-1] - 1 if announced else number
             assert content == replace(bench.infos[number], skipped=left_out).content()
-            told.append(number)
-    assert told == passed if not stall else len(told) > 3
+            announced.append(number)
+    assert announced == passed if not stall else len(announced) > 3
     at, numbers = 0, []
     for begin, content in sent:
         if content[0] == 0x58:
@@ -236,7 +237,7 @@ async def frames_and_packets_at_once(dut, gap, stall):
             assert not bench.infos[number].broken and ended[number] <= begin
             assert (bench.images[number][row, column:column + len(pixels)] == pixels).all()
             numbers.append(number)
-            newer = [other for other in told if number < other and ended[other] < begin
+            newer = [other for other in announced if number < other and ended[other] < begin
                      and not bench.infos[other].broken]
             # The newest one has nothing if sending went past the image's end while it passed.
             assert len(newer) <= 1
@@ -252,6 +253,7 @@ async def clocks(dut):
         await bench.frame(broken=False)
     assert np.diff(bench.i.taken[:WIDTH * HEIGHT]).max() == 1
     await ClockCycles(dut.clk, 3000)
+    assert bench.o.words[0][0] - bench.i.taken[WIDTH * HEIGHT - 1] == Block.latency
     packet, packets = [], 0
     for clock, word in bench.o.words:
         packet.append(clock)

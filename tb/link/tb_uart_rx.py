@@ -1,4 +1,4 @@
-"""Bench of the serial receiver: what it tells is what its model hears, in the same clocks."""
+"""Bench of the serial receiver: it reports what its model receives, in the same clocks."""
 
 import random
 
@@ -29,31 +29,31 @@ def characters(octets, bit, rng, pause=0.0, stop=1.0):
 
 
 class Line(Bench):
-    """Drives the line; what is heard and when, the first level being in clock 0."""
+    """Drives the line; what is received and when, the first level being in clock 0."""
 
     def __init__(self, dut, divisor):
         super().__init__(dut, inputs=(), outputs=(), plain={"rx": 1, "divisor": divisor})
         self.divisor = divisor
 
-    async def hear(self, levels):
-        heard = []
+    async def receive(self, levels):
+        received = []
         for clock, level in enumerate([*levels, *[1] * (LATENCY + 1)]):
             self.dut.rx.value = int(level)
             await ReadOnly()
             assert not (self.dut.o_valid.value and self.dut.framing.value)
             if self.dut.o_valid.value:
-                heard.append((clock, int(self.dut.o_payload.value)))
+                received.append((clock, int(self.dut.o_payload.value)))
             if self.dut.framing.value:
-                heard.append((clock, None))
+                received.append((clock, None))
             await RisingEdge(self.dut.clk)
-        return heard
+        return received
 
     async def compare(self, levels):
-        """What the block hears, the same as its model; in the end the line rests."""
+        """What the block receives, the same as its model; in the end the line rests."""
         levels = [*levels, *[1] * 12 * self.divisor]
-        heard = await self.hear(levels)
-        assert heard == receive(levels, self.divisor)
-        return [octet for _, octet in heard]
+        received = await self.receive(levels)
+        assert received == receive(levels, self.divisor)
+        return [octet for _, octet in received]
 
 
 def some_octets(rng, number):
@@ -132,7 +132,7 @@ async def breaks_and_missing_stop_bits(dut, divisor):
 @cocotb.test(timeout_time=20, timeout_unit="ms")
 @cocotb.parametrize(divisor=[2, 5, 16])
 async def noise(dut, divisor):
-    """Levels of any length: what is heard is the model's matter, and afterwards all is well."""
+    """Levels of any length: what is received is the model's matter, and afterwards all is well."""
     bench = Line(dut, divisor)
     await bench.reset()
     rng = random.Random(f"{SEED} {divisor}")

@@ -13,6 +13,7 @@ from model.link.framer import frame, wire_octets
 from model.link.points import POINT, PatternFrame, packets
 from scripts.paths import ROOT
 from scripts.rtl import readme_tables as tables
+from scripts.rtl.blocks import BLOCKS
 from tb.link.command_host import Host
 
 README = (ROOT / "hdl" / "link" / "README.md").read_text()
@@ -37,6 +38,29 @@ def test_stale_tables_are_told_and_written(monkeypatch, capsys, tmp_path):
     assert tables.main([]) == 0
     assert tables.main(["--check"]) == 0
     assert stale.read_text() == README
+
+
+def test_stale_latency_is_written():
+    text = (ROOT / "hdl" / "README.md").read_text()
+    row = "| `stereo/depth` | Match | Point | {} | the same |"
+    assert row.format(5) in text
+    assert tables.updated(text.replace(row.format(5), row.format(6))) == text
+    # The number is that of the preset.
+    assert tables.latency("stereo/epipolar", "capsule") == "28"
+    assert tables.latency("stereo/epipolar", "paper") == "4"
+    assert tables.latency("acquisition/camera", "capsule") == "3 at most"
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=[block.name for block in BLOCKS])
+def test_every_block_says_its_latency(block):
+    assert re.fullmatch(r"[\d,]+( at most)?", tables.latency(block.name, block.preset))
+
+
+def test_unknown_latency():
+    with pytest.raises(LookupError, match="There is no block 'foo'"):
+        tables.latency("foo", "capsule")
+    with pytest.raises(LookupError, match="docstring of reconstruction has no"):
+        tables.latency("reconstruction", "capsule")
 
 
 def test_every_table_is_shown():
@@ -65,7 +89,7 @@ def test_the_example_is_what_the_chip_answers():
         octets = bytes.fromhex(asked[6:])
         clocks = 2000 + host.rig.commands.commit_clocks()
         got, = host.send(octets, clocks)
-        assert [got] == host.model.hear(octets)
+        assert [got] == host.model.receive(octets)
         (packet,), sequence = frame([got], sequence)
         assert packet.hex(" ") == answered[6:]
         reasons.add(got[3])

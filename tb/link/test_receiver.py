@@ -25,4 +25,4 @@ def test_the_models_example():
     octets = encode(b"\0\x11\0\0\x22")
     assert octets[:7].hex(" ") == "00 01 02 11 01 06 22" and octets[-1] == 0
     model = PacketReceiver()
-    assert [model.hear(octet) for octet in octets][-1] == b"\0\x11\0\0\x22"
+    assert [model.receive(octet) for octet in octets][-1] == b"\0\x11\0\0\x22"

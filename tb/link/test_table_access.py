@@ -99,7 +99,7 @@ def test_clocks(preset):
         writes = rig.access([(table.number, 1, value) for value in range(20)])
         assert set(np.diff(writes)) == {PAUSE + (1 if inside else 2)}
         reads = rig.access([(table.number, 1, None, n % table.octets) for n in range(20)])
-        assert set(np.diff(reads)) == {PAUSE + (4 if inside else 3)}
+        assert set(np.diff(reads)) == {PAUSE + (TableAccess.latency + 1 if inside else 3)}
 
 
 def test_accesses_wait_for_the_tables():

@@ -7,6 +7,7 @@ import numpy as np
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
 from calibration.reciprocal import reciprocal_table
+from hdl.preprocessing.centre import Centring
 from model.preprocessing.centre import centres
 from tb.harness import Bench, parameters
 
@@ -88,7 +89,7 @@ async def spots_match_the_model(dut, gap, stall):
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 async def takes_its_time(dut):
-    """Clocks from word to word by the weight, and from taking to showing."""
+    """Clocks from word to word by the weight, and from spot to centre."""
     bench = Rig(dut)
     await bench.reset()
     rng = random.Random(SEED)
@@ -100,6 +101,9 @@ async def takes_its_time(dut):
     assert np.diff(bench.i.taken).tolist() == [*periods[1:], 4]
     assert [clock - taken for (clock, _), taken in zip(
         bench.o.words, bench.i.taken, strict=True)] == [1] * (len(spots) + 1)
+    # A spot of weight 1 becomes valid when the end marker before it has been taken.
+    assert spots[1][2] == 1
+    assert bench.o.words[1][0] - (bench.i.taken[0] + 1) == Centring.latency
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")

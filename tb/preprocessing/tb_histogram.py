@@ -3,6 +3,7 @@ import numpy as np
 from cocotb.triggers import RisingEdge
 
 from hdl.payloads import GreyPixel
+from hdl.preprocessing.histogram import Histogram
 from model.preprocessing.histogram import counted_rows, histogram
 from tb.harness import Bench, parameters
 from tb.native_block import pack
@@ -37,10 +38,10 @@ class HistogramBench(Bench):
             if dut.closed.value != 1:
                 continue
             counts = []
-            for clock in range(257):
+            for clock in range(256 + Histogram.latency):
                 dut.address.value = clock % 256
                 await RisingEdge(dut.clk)
-                if clock:
+                if clock >= Histogram.latency:
                     counts.append(dut.count.value.to_unsigned())
             self.read.append(counts)
 
@@ -98,11 +99,11 @@ async def a_broken_frame_leaves_nothing(dut, gap):
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
-async def ends_are_told(dut):
+async def ends_are_reported(dut):
     """``done`` and ``lost`` come in the very clock of the frame's last beat, never else."""
     bench = HistogramBench(dut)
     await bench.reset()
-    told = {(0, 0): 0, (1, 0): 0, (0, 1): 0, (1, 1): 0}
+    ended = {(0, 0): 0, (1, 0): 0, (0, 1): 0, (1, 1): 0}
 
     async def watch():
         while True:
@@ -112,7 +113,7 @@ async def ends_are_told(dut):
             lost = valid and payload >> 10 == 1
             done = valid and not lost and payload >> 9 & 1 == 1
             assert (bool(dut.done.value), bool(dut.lost.value)) == (done, lost)
-            told[int(done), int(lost)] += 1
+            ended[int(done), int(lost)] += 1
 
     cocotb.start_soon(watch())
     end = pack(GreyPixel, grey=[9], marker_line_end=[1], marker_frame_end=[1])
@@ -121,4 +122,4 @@ async def ends_are_told(dut):
         await bench.show(np.concatenate([pack(GreyPixel, grey=[1, 2]), end, BROKEN_GREY, end]),
                          0.3, rng)
     await RisingEdge(dut.clk)
-    assert (told[1, 0], told[0, 1], told[1, 1]) == (40, 20, 0)
+    assert (ended[1, 0], ended[0, 1], ended[1, 1]) == (40, 20, 0)

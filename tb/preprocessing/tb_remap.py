@@ -1,11 +1,12 @@
-"""Bench of the second reading: a table and an image beside it, and the image that comes out."""
+"""Bench of the remap: a table and an image beside it, and the corrected image."""
 
 import random
 
 import cocotb
 import numpy as np
-from cocotb.triggers import ClockCycles, RisingEdge
+from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
+from hdl.preprocessing.remap import Remap
 from model.preprocessing.remap import OUTSIDE, pack_remap, remap
 from tb.harness import Bench, parameters
 from tb.preprocessing.frames import BROKEN_GREY, grey_words
@@ -62,14 +63,14 @@ class Rig(Bench):
         for number, frame in enumerate(frames):
             words = BROKEN_GREY if frame is None else grey_words(remap(frame, self.table))
             got = await self.o.receive(len(words))
-            for place, (mine, other) in enumerate(zip(got, words[:, 0], strict=True)):
+            for index, (mine, other) in enumerate(zip(got, words[:, 0], strict=True)):
                 assert mine == other, (
-                    f"frame {number}, row {place // WIDTH}, column {place % WIDTH}: "
+                    f"frame {number}, row {index // WIDTH}, column {index % WIDTH}: "
                     f"{mine:#x}, not {other:#x}")
 
 
 def random_table(rng):
-    """Places anywhere, and here and there none; sizes are so small that all differences fit."""
+    """Any pixels, and some that show nothing; sizes are so small that all differences fit."""
     table = rng.integers(0, PIXELS, PIXELS)
     table[rng.random(PIXELS) < 0.2] = OUTSIDE
     table[:4], table[-3:] = (PIXELS - 1, 0, 0, PIXELS - 1), (0, PIXELS - 1, OUTSIDE)
@@ -78,6 +79,26 @@ def random_table(rng):
 
 def random_images(rng, count):
     return [rng.integers(0, 256, (HEIGHT, WIDTH)).astype(np.uint8) for _ in range(count)]
+
+
+@cocotb.test(timeout_time=10, timeout_unit="ms")
+async def latency(dut):
+    """From a frame's first word to its first pixel."""
+    bench = Rig(dut)
+    await bench.reset()
+    clocks = {}
+
+    async def watch():
+        while True:
+            await ReadOnly()
+            for name in ("answer_valid", "o_valid"):
+                if getattr(dut, name).value:
+                    clocks.setdefault(name, bench.cycle)
+            await RisingEdge(dut.clk)
+
+    cocotb.start_soon(watch())
+    await bench.compare(random_images(np.random.default_rng(1), 1))
+    assert clocks["o_valid"] - clocks["answer_valid"] == Remap.latency
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")

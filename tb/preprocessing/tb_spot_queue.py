@@ -1,4 +1,4 @@
-"""Bench of the spot queue: what it keeps, what it counts, and that it never waits."""
+"""Bench of the spot queue: what it keeps, what it counts, and that it never stalls."""
 
 import random
 from types import SimpleNamespace
@@ -7,6 +7,7 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
+from hdl.preprocessing.spot_queue import SpotQueue
 from model.preprocessing.spot_queue import filter_spots
 from tb.harness import Bench, parameters
 
@@ -30,7 +31,7 @@ def word(spot):
 
 
 def kept(spots, settings):
-    """Words of what a queue without end would send of a frame, and its counts."""
+    """Words that a queue that is never full would send of a frame, and its counts."""
     queued, counts = filter_spots(np.array(spots, SPOT), settings)
     return [int(s["rejected"]) << 1 | int(s["area"]) << 2 | int(s["weight"]) << 10
             | int(s["sum_u"]) << 26 | int(s["sum_v"]) << 51 for s in queued], counts
@@ -59,7 +60,7 @@ class Rig(Bench):
         await self.i.send([word(each) for each in spots] + [END | broken << 1])
 
     async def exact(self, spots, broken=0):
-        """Send a frame; all that a queue without end would keep comes out, and its counts."""
+        """Send a frame; what a queue that is never full would keep comes out, and its counts."""
         cocotb.start_soon(self.frame(spots, broken))
         want, counts = kept(spots, self.settings)
         got = await self.o.receive(len(want) + 1)
@@ -71,7 +72,7 @@ class Rig(Bench):
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(gap=[0.0, 0.6], stall=[0.0, 0.6], report_rejected=[False, True])
 async def frames_that_fit(dut, gap, stall, report_rejected):
-    """Frames of less than half the places, the next one as soon as the last one has gone."""
+    """Frames of less than half the slots, the next one as soon as the last one has gone."""
     bench = Rig(dut, gap, stall, report_rejected=report_rejected)
     await bench.reset()
     for number in range(24):
@@ -93,7 +94,7 @@ async def area_limits(dut):
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 async def a_word_a_clock(dut):
-    """All unreserved places fill in as many clocks; then a spot leaves in each clock."""
+    """All unreserved slots fill in as many clocks; then a spot leaves in each clock."""
     bench = Rig(dut)
     await bench.reset()
     spots = [spot(bench.random, 10, True) for _ in range(DEPTH - 4)]
@@ -107,14 +108,14 @@ async def a_word_a_clock(dut):
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
-async def latency_is_two_clocks(dut):
+async def latency(dut):
     bench = Rig(dut)
     await bench.reset()
     for _ in range(4):
         await bench.i.send([word(spot(bench.random, 10, True))])
         await ClockCycles(dut.clk, 5)
     assert [out - into for (out, _), into in zip(bench.o.words, bench.i.taken, strict=True)] == (
-        [2] * 4)
+        [SpotQueue.latency] * 4)
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
@@ -179,7 +180,7 @@ async def lossy_frames_balance(dut, gap, stall, report_rejected):
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
-async def end_marks_find_room(dut):
+async def end_markers_find_room(dut):
     """Four end markers fit behind a full queue, and each keeps its own counts."""
     bench = Rig(dut)
     await bench.reset()

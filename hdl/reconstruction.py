@@ -63,7 +63,9 @@ class Reconstruction(wiring.Component):
         Members for the registers that are used.
     """
 
-    registers = {**SpotQueue.registers, **Undistort.registers}
+    registers = {
+        name: member for block in (SpotQueue, Centring, Undistort, Epipolar, Depth)
+        for name, member in getattr(block, "registers", {}).items()}
 
     def __init__(self, config):
         check_config(config)
@@ -103,8 +105,8 @@ class Reconstruction(wiring.Component):
                 centre.o.valid, undistort.o.valid, match_stage.o.valid, epipolar.o.valid,
                 depth.o.valid).any()),
         ]
-        connect_ports(m, spot_queue.registers, self, spot_queue)
-        connect_ports(m, undistort.registers, self, undistort)
+        for block in (spot_queue, centre, undistort, epipolar, depth):
+            connect_ports(m, getattr(block, "registers", {}), self, block)
 
         # Tables. Depth and reciprocals share a memory, each block with a port of its own.
         m.submodules.shared_table = shared_table = TableMemory(config.beams)

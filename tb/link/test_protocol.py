@@ -16,6 +16,8 @@ from scripts.rtl import readme_tables as tables
 from scripts.rtl.blocks import BLOCKS
 from tb.link.command_host import Host
 
+#: Blocks are looked at here, not elaborated.
+pytestmark = pytest.mark.filterwarnings("ignore::amaranth.hdl.UnusedElaboratable")
 README = (ROOT / "hdl" / "link" / "README.md").read_text()
 
 

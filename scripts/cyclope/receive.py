@@ -24,7 +24,9 @@ def add_arguments(parser):
     parser.epilog = (
         "NNNN and the column `frame` are the chip's frame numbers. Points of a frame whose check "
         "failed have the status `unverified` and no coordinates; of two points of one beam the one "
-        "that fits its line less well is a `duplicate`. A frame that was under way when the port "
+        "that fits its line less well is a `duplicate`. A point that contradicts its neighbours in "
+        "the mesh, and the last depth of its beam, is `doubtful`; it keeps its coordinates. "
+        "A frame that was under way when the port "
         "was opened is left out. The exit status is 3 if all of it is there, but not to be used, "
         "and the report then says why: no frame, no light, no valid tables, a laser guard that has "
         "tripped, no frame whose check is right, no point, or fewer images than wanted. It is 130 "
@@ -44,6 +46,8 @@ def add_arguments(parser):
                         help="end after so long; in a recording, by the chip's clock")
     parser.add_argument("--ply", choices=("all", "last"), default="all",
                         help="points.ply: all frames (default), or the last one that has points")
+    parser.add_argument("--no-doubtful", dest="doubtful", action="store_false",
+                        help="leave doubtful points out of points.ply")
     add_port_arguments(parser)
 
 
@@ -136,7 +140,8 @@ def main(arguments):
     from scripts.cyclope.live_line import LiveLine
     from scripts.host.reception import Reception
     with _open(arguments) as source, _stoppable() as stopped:
-        reception = Reception(arguments.output, calibration, arguments.ply == "last", source.live)
+        reception = Reception(arguments.output, calibration, arguments.ply == "last", source.live,
+                              arguments.doubtful)
         try:
             end = Ending(arguments, source, reception)
             live, show = _show_on(Console(stderr=True), LiveLine(arguments.source), source,

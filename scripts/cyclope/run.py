@@ -41,7 +41,12 @@ def add_arguments(parser):
              "each frame's histogram")
     parser.add_argument(
         "--independent", action="store_true",
-        help="the frames are unrelated pictures: learn the threshold of each on itself")
+        help="the frames are unrelated pictures: learn the threshold of each on itself, and judge "
+             "doubtful points by their own frame alone")
+    parser.add_argument(
+        "--no-doubtful", dest="doubtful", action="store_false",
+        help="leave points that contradict their neighbours in the mesh, and the last depth of "
+             "their beam, out of points.ply and the pictures; points.csv has them anyway")
     parser.add_argument(
         "--no-pictures", dest="pictures", action="store_false",
         help="tables and point cloud only")
@@ -59,7 +64,7 @@ def _bar(console):
 
 
 def run(targets, calibration_path, output, engine="rtl", *, independent=False, pictures=True,
-        level=None, console=None):
+        level=None, doubtful=True, console=None):
     """Do what ``cyclope run`` does; arguments as there.
 
     Returns
@@ -112,10 +117,10 @@ def run(targets, calibration_path, output, engine="rtl", *, independent=False, p
             measured = progress.track(
                 measure(entries, calibration, opened, independent), total=len(entries),
                 description="measuring")
-            write_frames(folder, measured, result, calibration, pictures)
+            write_frames(folder, measured, result, calibration, pictures, doubtful)
             progress.add_task("plotting" if pictures else "writing", total=None)
             write_rest(folder, result, calibration, ", ".join(map(str, targets[:3])), truth,
-                       pictures)
+                       pictures, doubtful)
     print_report(console, result, _TABLE_LINES)
     console.print(f"{plural(len(result.points), 'spot')} of {plural(len(entries), 'frame')} in "
                   f"{output}", highlight=False, markup=False)
@@ -130,5 +135,6 @@ def main(arguments):
         require("calibration", "Plotting", ", or use --no-pictures")
     result = run(
         arguments.frames, arguments.calibration, arguments.output, arguments.engine,
-        independent=arguments.independent, pictures=arguments.pictures, level=arguments.level)
+        independent=arguments.independent, pictures=arguments.pictures, level=arguments.level,
+        doubtful=arguments.doubtful)
     return 0 if result.ok else _UNUSABLE

@@ -30,6 +30,8 @@ class Reception:
         As of :class:`scripts.host.recorder.Recorder`.
     live : :class:`bool`
         The octets are nowhere else.
+    doubtful : :class:`bool`
+        As of :class:`scripts.host.recorder.Recorder`.
 
     Attributes
     ----------
@@ -39,7 +41,8 @@ class Reception:
         What was made of them.
     """
 
-    def __init__(self, path, calibration=None, last_only=False, live=True):
+    def __init__(self, path, calibration=None, last_only=False, live=True,
+                 doubtful=True):
         rebuild = calibration and Rebuilder(
             calibration.settings, calibration.width, calibration.height)
         self._live = live
@@ -48,7 +51,7 @@ class Reception:
         self._link = self.recorder = None
         try:
             self._link = LinkFile(self.folder / "link.raw", sync=live)
-            self.recorder = Recorder(self.folder, calibration, last_only)
+            self.recorder = Recorder(self.folder, calibration, last_only, doubtful)
         except BaseException:
             self._remove()
             raise

@@ -11,8 +11,9 @@ from scripts.host.chip import check_chip, parse_identity, parse_status
 from scripts.host.image_assembly import ImageAssembly
 from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
 from scripts.results.cloud import PointCloud
+from scripts.results.locator import Locator, find_duplicates
 from scripts.results.outputs import CSV_HEADER, csv_line, whole_file
-from scripts.results.points import DUPLICATE, POINT, STATUS, find_duplicates, locate
+from scripts.results.points import DOUBTFUL, DUPLICATE, POINT, STATUS
 from scripts.results.row_file import RowFile
 
 __all__ = ["MISMATCH", "NO_CALIBRATION", "Recorder"]
@@ -30,7 +31,7 @@ _COUNTED = ("level", "skipped", "spots", "ok", "noise", "ambiguous", "rejected",
             "unlisted")
 _FLAGS = ("learning", "broken", "capture", "tripped", "tables_valid")
 _FRAMES_HEADER = ("number,kind,laser,exposure_us,timestamp_us," + ",".join(_COUNTED)
-                  + ",check,flags,lost_packets,bad_sync,overrun,duplicate\n")
+                  + ",check,flags,lost_packets,bad_sync,overrun,duplicate,doubtful\n")
 _CHECK = {True: "ok", False: "failed", None: ""}
 #: Texture frames of which is remembered whether they were lit, and fragments that wait for that.
 _REMEMBERED = 64
@@ -52,6 +53,8 @@ class Recorder:
         What the chip was loaded with.
     last_only : :class:`bool`
         ``points.ply`` has the last frame with points only, not all frames.
+    doubtful : :class:`bool`
+        ``points.ply`` has the doubtful points too.
 
     Attributes
     ----------
@@ -78,8 +81,10 @@ class Recorder:
         Files and folders that were created.
     """
 
-    def __init__(self, folder, calibration=None, last_only=False):
+    def __init__(self, folder, calibration=None, last_only=False, doubtful=True):
         self.folder, self.calibration, self.last_only = Path(folder), calibration, last_only
+        self.doubtful = doubtful
+        self._locate = calibration and Locator(calibration)
         self.frames = self.points = self.unverified = 0
         self.verified = self.lit = self.tabled = self.tripped = self.reported = 0
         self.last = self.identity = self.status = None
@@ -119,7 +124,7 @@ class Recorder:
                 del self._lit[min(self._lit)]
             self._add_early()
             self._row(event, "texture", [str(event.skipped) if name == "skipped" else ""
-                                         for name in _COUNTED], "", "", "")
+                                         for name in _COUNTED], "", "", ["", ""])
         elif isinstance(event, TexturePiece):
             self._early.append(event)
             if event.index in self._lit or len(self._early) > _REMEMBERED:
@@ -192,12 +197,12 @@ class Recorder:
             file.write(data.tobytes())
         self.written.add(path)
 
-    def _row(self, event, kind, counts, check, lost, duplicates):
+    def _row(self, event, kind, counts, check, lost, found):
         flags = " ".join(name for name in _FLAGS if getattr(event, name))
         self._frames.append(",".join([
             str(event.index), kind, "on" if event.laser else "off", str(event.exposure_us),
             str(event.timestamp_us), *counts, check, flags, lost, str(event.bad_sync),
-            str(event.overrun), duplicates]) + "\n")
+            str(event.overrun), *found]) + "\n")
 
     def _frame(self, frame):
         self.frames += 1
@@ -214,20 +219,22 @@ class Recorder:
         if frame.compact and reported and self.calibration is None:
             raise UserError(NO_CALIBRATION)
         points = self._located(frame)
-        duplicates = str(np.count_nonzero(points["status"] == DUPLICATE))
+        found = [str(np.count_nonzero(points["status"] == status))
+                 for status in (DUPLICATE, DOUBTFUL)]
         if frame.summarised:
             self._row(frame, "pattern", [str(getattr(frame, name)) for name in _COUNTED],
-                      _CHECK[frame.verified], str(frame.lost), duplicates)
+                      _CHECK[frame.verified], str(frame.lost), found)
         else:
             # Laser, exposure and time were in the packet that is missing.
             blank = [""] * (3 + len(_COUNTED) + 1)
             self._frames.append(",".join([
                 str(frame.index), "pattern", *blank, "incomplete", str(frame.lost), "", "",
-                duplicates]) + "\n")
+                *found]) + "\n")
         for point in points:
             self._points.append(csv_line(point, _NAMES))
         self.points += int(np.count_nonzero(points["status"] == _OK))
-        located = points[~np.isnan(points["z"])]
+        located = points[~np.isnan(points["z"])
+                         & (self.doubtful | (points["status"] != DOUBTFUL))]
         if self.last_only and len(located):
             self._cloud.clear()
         self._cloud.add(located)
@@ -238,7 +245,7 @@ class Recorder:
             reported["status"][reported["status"] == _OK] = _UNVERIFIED
         if self.calibration is not None:
             # The texture comes later and in parts: the cloud takes intensities from it at the end.
-            return locate(reported, frame.index, self.calibration, np.zeros((1, 1), np.uint8))
+            return self._locate(reported, frame.index, np.zeros((1, 1), np.uint8))
         points = np.zeros(len(reported), POINT)
         points["frame"] = frame.index
         for name in ("status", "area"):

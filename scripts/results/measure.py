@@ -5,7 +5,8 @@ from collections import deque
 import numpy as np
 
 from calibration.image import read_image
-from scripts.results.points import STATUS, FrameResult, locate
+from scripts.results.locator import Locator
+from scripts.results.points import STATUS, FrameResult
 from scripts.results.summary import plural
 
 __all__ = ["CLIPPED", "frame_notes", "measure"]
@@ -83,7 +84,7 @@ def measure(entries, calibration, engine, independent=False):
     engine : engine
         From :func:`scripts.simulation.engine.open_engine`.
     independent : :class:`bool`
-        Learn every frame's threshold on itself.
+        Learn every frame's threshold on itself, and doubt no point for what its beam showed before.
 
     Yields
     ------
@@ -91,6 +92,7 @@ def measure(entries, calibration, engine, independent=False):
     """
     size = (calibration.width, calibration.height)
     waiting = deque()
+    locate = Locator(calibration, related=not independent)
 
     def images():
         for entry in entries:
@@ -100,7 +102,7 @@ def measure(entries, calibration, engine, independent=False):
     for frame in engine.frames(images(), independent):
         entry, image = waiting.popleft()
         grey = image if entry.texture is None else read_image(entry.texture, *size)
-        points = locate(frame.points, entry.index, calibration, grey)
+        points = locate(frame.points, entry.index, grey)
         yield image, FrameResult(
             index=entry.index, path=entry.path, texture=entry.texture, level=frame.level,
             spots=frame.spots, rejected=frame.rejected, dropped=frame.dropped, points=points,

@@ -3,7 +3,7 @@
 import shutil
 import tempfile
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from rich.text import Text
 from scripts.results.accuracy import compare
 from scripts.results.outputs import CSV_HEADER, csv_line, take_folder, write_ply
 from scripts.results.overlay import beam_segments, draw_frame, write_picture
-from scripts.results.points import POINT
+from scripts.results.points import DOUBTFUL, POINT
 from scripts.results.row_file import RowFile
 from scripts.results.summary import accuracy_table, frames_table, notes_text
 
@@ -89,7 +89,7 @@ def keep_results(output, measurement, total):
         raise
 
 
-def write_frames(folder, measured, measurement, calibration, pictures):
+def write_frames(folder, measured, measurement, calibration, pictures, doubtful=True):
     """Write every frame's points to ``points.csv``, and its picture, as soon as it is measured.
 
     Parameters
@@ -104,6 +104,8 @@ def write_frames(folder, measured, measurement, calibration, pictures):
         Its epipolar lines are drawn.
     pictures : :class:`bool`
         Draw a picture of each frame.
+    doubtful : :class:`bool`
+        Draw doubtful points too.
     """
     if pictures:
         (folder / "frames").mkdir()
@@ -116,11 +118,21 @@ def write_frames(folder, measured, measurement, calibration, pictures):
             measurement.frames.append(frame)
             if pictures:
                 write_picture(folder / "frames" / f"{frame.index:04}.png",
-                              draw_frame(image, frame, segments))
+                              draw_frame(image, _drawn(frame, doubtful), segments))
         rows.sync()
 
 
-def write_rest(folder, measurement, calibration, source, truth=None, pictures=True):
+def _shown(points, doubtful):
+    """The points, without doubtful ones if those are not wanted."""
+    return points if doubtful else points[points["status"] != DOUBTFUL]
+
+
+def _drawn(frame, doubtful):
+    return replace(frame, points=_shown(frame.points, doubtful))
+
+
+def write_rest(folder, measurement, calibration, source, truth=None, pictures=True,
+               doubtful=True):
     """Compare with the truth, and write what follows from all points; it appears all at once.
 
     Parameters
@@ -137,12 +149,15 @@ def write_rest(folder, measurement, calibration, source, truth=None, pictures=Tr
         From :func:`scripts.results.accuracy.load_truth`.
     pictures : :class:`bool`
         Draw the point cloud and the errors.
+    doubtful : :class:`bool`
+        ``points.ply`` and the point cloud have the doubtful points too.
     """
     points = measurement.points
     if truth is not None:
         measurement.accuracy = compare(
             points, truth, [frame.index for frame in measurement.frames])
     accuracy = measurement.accuracy
+    points = _shown(points, doubtful)
     with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as part:
         part = Path(part)
         write_ply(part / "points.ply", points, source)

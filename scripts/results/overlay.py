@@ -86,7 +86,7 @@ def _legend(picture, frame, top, disabled):
     left = 10
     for status, (name, colour) in enumerate(zip(STATUS, _SPOT, strict=True)):
         number = np.count_nonzero(frame.points["status"] == status)
-        if not number and name == "duplicate":
+        if not number and name in ("duplicate", "doubtful"):
             continue
         cv2.circle(picture, (left + 6, top + 41), 6, colour, 2, cv2.LINE_AA)
         words = f"{number} {name}" + (", with its beam's number" if name == "ok" else "")

@@ -7,9 +7,11 @@ from rich.text import Text
 __all__ = ["COLOURS", "accuracy_table", "frames_table", "notes_text", "plural", "totals"]
 
 #: A colour per status, in the order of the codes, for overlays and terminals.
-COLOURS = ("#35d07f", "#b0b0b0", "#ffb02e", "#ff5a4f", "#c58cff")
+COLOURS = ("#35d07f", "#b0b0b0", "#ffb02e", "#ff5a4f", "#c58cff", "#ff7ad9")
 
-_COUNTED = ("ok", "noise", "ambiguous", "rejected", "duplicate")
+_COUNTED = ("ok", "noise", "ambiguous", "rejected", "duplicate", "doubtful")
+#: Columns that are there only if there is something in them, and their short names.
+_SELDOM = {"duplicate": "dup", "doubtful": "doubt"}
 
 
 def plural(number, what):
@@ -20,12 +22,12 @@ def plural(number, what):
 def _figures(frame):
     return {
         "spots": frame.spots, **{name: frame.count(name) for name in _COUNTED[:3]},
-        "rejected": frame.rejected, "duplicate": frame.count("duplicate"),
+        "rejected": frame.rejected, **{name: frame.count(name) for name in _SELDOM},
         "dropped": frame.dropped}
 
 
 def totals(frames):
-    """Sums over frames of spots, ok, noise, ambiguous, rejected, duplicate and dropped."""
+    """Sums over frames: spots, of each status, and dropped."""
     figures = [_figures(frame) for frame in frames]
     return {name: sum(each[name] for each in figures)
             for name in ("spots", *_COUNTED, "dropped")}
@@ -46,11 +48,11 @@ def frames_table(frames, limit=None):
     limit : :class:`int` or None
         Number of frames listed first; of the others only those with notes are, at most as many.
 
-    The column `dup`, of duplicates, is there if there are any.
+    The columns `dup` and `doubt`, of duplicate and doubtful ones, are there if there are any.
     """
     sums = totals(frames)
-    hidden = () if sums["duplicate"] else ("duplicate",)
-    columns = [("dup" if name == "duplicate" else name, colour)
+    hidden = [name for name in _SELDOM if not sums[name]]
+    columns = [(_SELDOM.get(name, name), colour)
                for name, colour in zip(_COUNTED, COLOURS, strict=True) if name not in hidden]
     table = Table(box=box.SIMPLE_HEAD, title=f"Spots of {plural(len(frames), 'frame')}",
                   title_justify="left", padding=(0, 1), pad_edge=False)

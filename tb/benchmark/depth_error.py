@@ -127,7 +127,7 @@ def measure(case, seeds, step=None):
     """
     from model.optics.rigs import RIGS
     from scripts.results.accuracy import compare
-    from scripts.results.points import locate
+    from scripts.results.locator import Locator
     from scripts.simulation.engine import open_engine
 
     rig = RIGS[case.rig]
@@ -138,7 +138,8 @@ def measure(case, seeds, step=None):
         images, truth = _frames(case, rig, seed)
         engine = open_engine("model", calibration)
         frames = engine.frames(images, independent=not case.conditions.flicker)
-        points = [locate(frame.points, index, calibration, images[index])
+        locate = Locator(calibration, related=False)
+        points = [locate(frame.points, index, images[index])
                   for index, frame in enumerate(frames)]
         accuracy = compare(np.concatenate(points), np.concatenate([true for true, _ in truth]),
                            range(len(images)))

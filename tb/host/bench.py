@@ -9,13 +9,13 @@ from model.capsule import Capsule
 from scripts.cyclope import cli
 from scripts.host import port
 from scripts.host.commands import Commands
-from scripts.results.points import locate
+from scripts.results.locator import Locator
 from scripts.simulation.terminal import Terminal
 from tb.system.fake_instrument import FakeInstrument
 from tb.system.played_instrument import PlayedInstrument
 
 __all__ = ["INSTRUMENTS", "QUICK", "TEXTURE", "babbling", "commands", "contents", "load_chip",
-           "open_fake", "open_rtl", "rows", "run", "said", "truth"]
+           "open_fake", "open_rtl", "rows", "run", "said", "spots_sent", "truth"]
 
 TEXTURE = np.random.default_rng(1).integers(0, 256, (64, 64), np.uint8)
 #: The shortest period that the laser guard bears: less to simulate.
@@ -95,18 +95,30 @@ def contents(folder):
             for path in folder.rglob("*") if path.is_file()}
 
 
-def _expected(points, index, calibration):
-    """Rows of points.csv for a frame; intensity does not show there."""
-    located = locate(points, index, calibration, np.zeros((64, 64), np.uint8))
-    return [(str(index), str(point["beam"]), f"{point['u']:.4f}", f"{point['v']:.4f}",
+def _rows(located):
+    """Rows of points.csv of points with coordinates, without their status."""
+    return [(str(point["frame"]), str(point["beam"]), f"{point['u']:.4f}", f"{point['v']:.4f}",
              str(point["area"]), *(f"{point[name]:.4f}" for name in "xyz"))
-            for point in located if point["status"] == 0]
+            for point in located if np.isfinite(point["z"])]
+
+
+def _found(instrument, calibration):
+    """The ok spots of all frames that were shown."""
+    model = Capsule(calibration.settings, 64, 64)
+    found = [model.frame(image).points for image in instrument.shown]
+    return [points[points["status"] == 0] for points in found]
 
 
 def truth(instrument, numbers, calibration):
-    """What the model finds in frames: rows of points.csv, by the frame."""
-    model = Capsule(calibration.settings, 64, 64)
-    found = [model.frame(image).points for image in instrument.shown]
-    found = [points[points["status"] == 0] for points in found]
-    return {number: _expected(found[instrument.pattern(number)], number, calibration)
-            for number in numbers}
+    """What the model finds in frames, given in their order: rows of ok and doubtful points."""
+    found, locate = _found(instrument, calibration), Locator(calibration)
+    return [row for number in numbers for row in _rows(locate(
+        found[instrument.pattern(number)], number, np.zeros((64, 64), np.uint8)))]
+
+
+def spots_sent(instrument, numbers, calibration):
+    """As :func:`truth`, but for each ok spot as if it were the only one of its frame."""
+    found = _found(instrument, calibration)
+    return {row for number in numbers for spot in found[instrument.pattern(number)]
+            for row in _rows(Locator(calibration)(
+                np.array([spot]), number, np.zeros((64, 64), np.uint8)))}

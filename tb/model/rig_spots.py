@@ -15,7 +15,7 @@ from calibration.usable import usable_beams
 from model.capsule import Capsule
 from model.optics import render, scenes
 from model.optics.rigs import RIGS
-from scripts.results.points import locate
+from scripts.results.locator import locate
 
 __all__ = ["board_corners", "board_views", "depth_errors", "endoscope", "fitted", "fitted_lens",
            "lens_of", "observe"]

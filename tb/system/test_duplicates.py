@@ -13,8 +13,9 @@ from scripts.host.messages import POINT as REPORTED
 from scripts.host.messages import Frame
 from scripts.host.rebuild import Rebuilder
 from scripts.results.frames import Entry
+from scripts.results.locator import find_duplicates, locate
 from scripts.results.measure import measure
-from scripts.results.points import STATUS, find_duplicates, locate
+from scripts.results.points import STATUS
 from scripts.results.summary import totals
 from tb.system.fake_instrument import any_calibration
 
@@ -100,4 +101,4 @@ def test_run_counts_and_notes_them(pair, tmp_path):
     assert result.count("ok") == 2 and result.count("duplicate") == 1
     assert f"more than one spot for beam {pair['beam'][0]}" in result.notes
     assert totals([result]) == {"spots": 3, "ok": 2, "noise": 0, "ambiguous": 0, "rejected": 0,
-                                "duplicate": 1, "dropped": 0}
+                                "duplicate": 1, "doubtful": 0, "dropped": 0}

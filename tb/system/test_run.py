@@ -74,18 +74,21 @@ def test_table_and_cloud_agree(measured, prepared):
     assert len(ok) > 250 and {row["status"] for row in rows} <= set(STATUS)
     for row in rows:
         coordinates = [row[name] for name in ("x_mm", "y_mm", "z_mm")]
-        assert all(coordinates) if row["status"] == "ok" else not any(coordinates)
-        assert bool(row["beam"]) == (row["status"] in ("ok", "duplicate"))
+        located = row["status"] in ("ok", "doubtful")
+        assert all(coordinates) if located else not any(coordinates)
+        assert bool(row["beam"]) == (located or row["status"] == "duplicate")
         assert 0 <= float(row["u_px"]) <= 351 and 0 <= float(row["v_px"]) <= 287
     header, body = (measured / "points.ply").read_text().split("end_header\n")
     assert header.startswith("ply\nformat ascii 1.0\n") and "unit mm" in header
-    assert f"element vertex {len(ok)}" in header
+    located = [row for row in rows if row["z_mm"]]
+    assert f"element vertex {len(located)}" in header
     properties = [line.split()[-1] for line in header.splitlines() if line.startswith("property")]
     assert properties == ["x", "y", "z", "beam", "frame", "status", "intensity"]
     points = [line.split() for line in body.splitlines()]
     assert [point[:5] for point in points] == [
-        [row[name] for name in ("x_mm", "y_mm", "z_mm", "beam", "frame")] for row in ok]
-    assert all(point[5] == "0" and 0 < int(point[6]) < 256 for point in points)
+        [row[name] for name in ("x_mm", "y_mm", "z_mm", "beam", "frame")] for row in located]
+    assert [STATUS[int(point[5])] for point in points] == [row["status"] for row in located]
+    assert all(0 < int(point[6]) < 256 for point in points)
 
 
 def test_points_project_onto_their_spots(measured, prepared):

@@ -47,7 +47,7 @@ class Framer(wiring.Component):
     free : :py:`Out(1)`
         A packet that is offered in this clock is taken at once.
     busy : :py:`Out(1)`
-        A packet is on its way, or the pause after it: the clock is needed.
+        A packet is being sent, or the pause after it is not over: the clock is needed.
 
     Attributes
     ----------

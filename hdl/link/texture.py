@@ -64,7 +64,7 @@ class Texture(wiring.Component):
         Frame size in pixels, 2 to 512.
     domain : :class:`str`
         Clock domain of ``o``, ``enable``, ``bad_sync`` and ``overrun``, and of all that works for
-        them. Its clock is that of ``sync``, and may stand still while ``busy`` is low.
+        them. Its clock is that of ``sync``, and may be stopped while ``busy`` is low.
 
     Members
     -------

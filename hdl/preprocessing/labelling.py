@@ -21,7 +21,7 @@ class _Signals:
         self.run = unsigned(self.run_bits)
         self.record = data.StructLayout({"tail": self.run, "features": Features})
         entry = data.StructLayout({"connected": 1, "joined": 1, "head": self.run, "tail": self.run})
-        self.advance = Signal()  # low while the output register waits: everything stands still
+        self.advance = Signal()  # low while the output register waits: everything stalls
 
         # From stage 0: which of the two rows steps, and the current pixel. Either row may step
         # alone. ``end``: that row's last pixel; ``clear``: forget its runs after this step.
@@ -88,7 +88,7 @@ class Labelling(wiring.Component):
                        1   2   1    1
                            1
 
-    A run thus need not know its component. One bit (``carried``) tells that it belongs to the top
+    A run thus need not know its component. One bit (``carried``) says that it belongs to the top
     of the stack rather than to a new component, and its number that it is the component's last run
     (``tail``), with which the entry goes. A component that goes without contact to the current row
     has ended, and its record leaves as a spot. When a run below comes into contact with a second

@@ -21,7 +21,7 @@ class Epipolar(wiring.Component):
     """Tries every epipolar line on a spot (estimation, comparison, encoding).
 
     ``lanes`` lines are tried a clock, so a spot takes ``ceil(beams / lanes)`` clocks and spots
-    follow each other without a pause. While ``o`` stalls, the whole block stands still.
+    follow each other without a pause. While ``o`` stalls, the whole block stalls.
 
     The estimate of line k is ``((slope * x + 2**16) >> 17) + offset``. A spot is on the line if it
     is closer to the estimate than the tolerance, and hits beam k if also ``u_min <= x <= u_max``,
@@ -250,7 +250,7 @@ class Epipolar(wiring.Component):
     def _is_closer(self, m, error, tolerance, lane):
         """``abs(error) < tolerance << 4``, for a signed error of 20 bits."""
         # Without negating: a negative error is complemented, which makes it one too small. Above
-        # the tolerance's last place that matters only if the four bits below are all zero; then
+        # the tolerance's last bit that matters only if the four bits below are all zero; then
         # the magnitude is one more, and must not reach the tolerance either.
         negative = error[19]
         spare = Signal(10, name=f"spare_{lane}")  # tolerance - magnitude - 1, bit 9: not negative

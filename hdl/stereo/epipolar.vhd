@@ -2,7 +2,7 @@
 -- contract stands.
 --
 -- A spot takes ceil(beams / lanes) clocks; the match of its last group follows four clocks later.
--- While o is stalled everything stands still. Legal as VHDL-93 and -2008.
+-- While o stalls, the whole block stalls. Legal as VHDL-93 and -2008.
 
 library ieee;
 use ieee.std_logic_1164.all;
@@ -58,7 +58,7 @@ architecture rtl of epipolar is
   type memory is array (255 downto 0) of word;
   type lane_words is array (2 * pairs - 1 downto 0) of word;
 
-  -- What is known of a spot without its match: x, v, u, area, rejected, end.
+  -- The fields of a spot beside its match: x, v, u, area, rejected, end.
   subtype carried is std_logic_vector(63 downto 0);
   type carried_array is array (slots - 1 downto 0) of carried;
 

@@ -11,7 +11,7 @@ BAD_SYNC, OVERRUN = 1, 2
 
 
 def _frame(line_valid, data, width, height):
-    """Grey values of the pixels that are taken, and whether the frame ends as it should."""
+    """Grey values of the pixels taken, whether they make a whole frame, whether it is broken."""
     line_falls = np.flatnonzero(line_valid[:-1] & ~line_valid[1:]) + 1
     pixels_before = np.concatenate([[0], np.cumsum(line_valid)])
     torn = line_falls[pixels_before[line_falls] % width != 0]
@@ -26,7 +26,7 @@ def camera(frame_valid, line_valid, data, width, height):
     """Beats that the pins make, a sample per pixel clock, if the reader keeps up.
 
     A frame begins where ``frame_valid`` rises; what comes before the first rise is left out. Its
-    pixels are those with ``line_valid``, up to the last of ``width * height``, to the place where
+    pixels are those with ``line_valid``, up to the last of ``width * height``, to where
     ``line_valid`` falls within a line, or to the end of ``frame_valid``. A broken beat follows
     where that were too few pixels, and where more follow.
 

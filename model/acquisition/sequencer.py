@@ -99,7 +99,7 @@ class Schedule:
         self.begin_us, self.frame_us, self.warm_up_us = begin_us, frame_us, warm_up_us
         self.frames, self.starts, self.running, self.late = [], [], [], []
         self.single_pending = True
-        self.pending_known = 0  # up to this clock, `wish` is worked out
+        self.pending_known = 0  # `single_pending` is up to date until this clock
         clock = 0
         while clock < until:
             clock = self._run(clock, until)

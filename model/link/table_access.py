@@ -56,5 +56,5 @@ class TableStore:
                 for table, count in zip(self.kinds, self.counts, strict=True)]
 
     def swap(self):
-        """The banks change places."""
+        """Swap the banks."""
         self.bank ^= 1

@@ -23,7 +23,7 @@ def jacobian(x, y, k1, k2, p1, p2):
 
 
 def gain(x, y, k1, k2, p1, p2):
-    """Largest derivative of the undistorted place by the distorted one; inf past the fold."""
+    """Largest derivative of the undistorted position by the distorted one; inf past the fold."""
     a, b, c = jacobian(x, y, k1, k2, p1, p2)
     least = (a + c) / 2 - np.hypot((a - c) / 2, b)  # the Jacobian is symmetric
     return np.where(least > 0, 1 / np.where(least > 0, least, 1), np.inf)

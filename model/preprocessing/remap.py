@@ -33,24 +33,24 @@ def remap(frame, table):
 def pack_remap(table):
     """The table as the chip's memory holds it, a word of 32 bits for each two pixels.
 
-    Bits 0 to 17 are the first one's place, bits 18 to 29 the second one's less that, signed; bits
-    30 and 31 tell that the first one, the second one shows nothing. The place of what shows nothing
-    is its neighbour's.
+    Bits 0 to 17 are the first pixel's position, bits 18 to 29 the second one's minus the first
+    one's, signed. Bit 30 says that the first pixel, bit 31 that the second one shows nothing; its
+    position is then that of its neighbour.
 
     Raises
     ------
     ValueError
-        If two places are too far from each other.
+        If two positions are too far apart.
     """
-    places = np.asarray(table, dtype=np.int64)
-    places = np.append(places, np.full(len(places) % 2, OUTSIDE)).reshape(-1, 2)
-    outside = places == OUTSIDE
-    places = np.where(outside, places[:, ::-1], places)
-    places = np.where(outside.all(axis=1)[:, None], 0, places)
-    difference = places[:, 1] - places[:, 0]
+    positions = np.asarray(table, dtype=np.int64)
+    positions = np.append(positions, np.full(len(positions) % 2, OUTSIDE)).reshape(-1, 2)
+    outside = positions == OUTSIDE
+    positions = np.where(outside, positions[:, ::-1], positions)
+    positions = np.where(outside.all(axis=1)[:, None], 0, positions)
+    difference = positions[:, 1] - positions[:, 0]
     limit = 1 << (_DIFFERENCE_BITS - 1)
     if np.any((difference < -limit) | (difference >= limit)):
         raise ValueError("Neighbours in the corrected image lie too far from each other in the "
                          f"image: more than {limit} pixels, in raster order")
-    return (places[:, 0] | (difference & (2 * limit - 1)) << 18
+    return (positions[:, 0] | (difference & (2 * limit - 1)) << 18
             | outside[:, 0].astype(np.int64) << 30 | outside[:, 1].astype(np.int64) << 31)

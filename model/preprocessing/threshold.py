@@ -16,14 +16,14 @@ def _smooth(counts):
 
 def _first_mode(smooth, reached, pixels):
     """Bin and height of the first mode's peak, None where there is none."""
-    peak, place = pixels // _SIGNIFICANT, None
+    peak, peak_bin = pixels // _SIGNIFICANT, None
     for bin_number in range(1, 255):
         value = int(smooth[bin_number])
         if reached[bin_number] and value > peak:
-            peak, place = value, bin_number
-        elif place is not None and _FAINT * value < peak:
+            peak, peak_bin = value, bin_number
+        elif peak_bin is not None and _FAINT * value < peak:
             break
-    return place, peak
+    return peak_bin, peak
 
 
 def threshold(counts, threshold_alpha):
@@ -63,17 +63,17 @@ def threshold(counts, threshold_alpha):
     reached = 2 * np.cumsum(counts) >= pixels
     counts[[0, 255]] = 0
     smooth = _smooth(counts)
-    place, peak = _first_mode(smooth, reached, pixels)
-    if place is None:
+    peak_bin, peak = _first_mode(smooth, reached, pixels)
+    if peak_bin is None:
         return 1 if reached[254] else 255
     scaled = threshold_alpha + (threshold_alpha >> 1)  # Q4.4
-    pixels, total = int(counts[place]), 0
+    pixels, total = int(counts[peak_bin]), 0
     for step, gain in ((1, scaled + 16), (-1, scaled - 16)):
-        weight, at = 0, place + step
+        weight, at = 0, peak_bin + step
         while 0 < at < 255 and _FAINT * int(smooth[at]) >= peak:
             weight += gain
             total += weight * int(counts[at])
             pixels += int(counts[at])
             at += step
     offset = max(0, total) // (16 * pixels)
-    return min(255, place + offset + 1)
+    return min(255, peak_bin + offset + 1)

@@ -16,15 +16,15 @@ def _signed(word, bits):
 
 def _packed(fields):
     """Join (name, value, bits, is_signed), first field in the least significant bits."""
-    word, place = 0, 0
+    word, shift = 0, 0
     for name, value, bits, is_signed in fields:
         value = np.asarray(value, dtype=np.int64)
         low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if is_signed else (
             0, (1 << bits) - 1)
         if np.any((value < low) | (value > high)):
             raise ValueError(f"{name} must be between {low} and {high}")
-        word = word | ((value & ((1 << bits) - 1)) << place)
-        place += bits
+        word = word | ((value & ((1 << bits) - 1)) << shift)
+        shift += bits
     return word
 
 
@@ -56,12 +56,12 @@ def hits(x, y, line, window):
 
     The estimate is ``((slope * x + 2**16) >> 17) + offset``, exact, without wrapping. A spot is
     on the line when it is closer than the tolerance, so that a tolerance of zero disables a beam.
-    Its column, cut to Q9.4, may equal both window limits.
+    Its column, truncated to Q9.4, may equal both window limits.
 
     Parameters
     ----------
     x, y : array of :class:`int`
-        Undistorted places, signed Q9.9 pixels.
+        Undistorted coordinates, signed Q9.9 pixels.
     line, window : array of :class:`int`
         A word for each beam.
 

@@ -29,9 +29,9 @@ def radius_bits(width, height):
 
 
 def undistort(u, v, settings, width, height, rounds=ROUNDS):
-    """Undistorted places of centres, about the image centre.
+    """Undistorted coordinates of centres, about the image centre.
 
-    With d the place about the principal point, X the undistorted one and P = (p2, p1) / focal
+    With d the position about the principal point, X the undistorted one and P = (p2, p1) / focal
     length, the Brown model reads d = X g(|X|^2) + 2 (P X) X + P |X|^2, and without the tangential
     part X = d s(|d|^2). So y = d first, and then, in each round, X = y s(|y|^2) from the last y
     and y = d - 2 (P X) X - P |X|^2. The last y gives the result.
@@ -43,7 +43,7 @@ def undistort(u, v, settings, width, height, rounds=ROUNDS):
     both are signed, 18 bits. The first round makes do with the value. The rounds take s with 12
     fraction bits, so that X has 5 and the tangential products, which are small, more.
 
-    Error budget at the border of 352 x 288 pixels, in px, where a place gains g (the largest
+    Error budget at the border of 352 x 288 pixels, in px, where a position gains g (the largest
     derivative of X by d): s rounded and interpolated, 0.003; result rounded, 0.001; |y|^2 cut to
     0.25 px^2, 0.0006 (g - s); y rounded, 0.001 g; tangential products and registers, 0.0007 g;
     the principal point's rounding, 0.001 (g - 1). The tangential iteration leaves about k^n times
@@ -92,9 +92,9 @@ def undistort(u, v, settings, width, height, rounds=ROUNDS):
             ok = ok & (value == wrapped(value))
         return [wrapped(value) for value in values]
 
-    def scale(place, interpolate):
+    def scale(position, interpolate):
         nonlocal ok
-        radius = dot(place, place) >> (radius_shift - _SUM_SHIFT)
+        radius = dot(position, position) >> (radius_shift - _SUM_SHIFT)
         ok = ok & (radius >> 18 == 0)
         radius = radius & 0x3FFFF
         value, slope = np.moveaxis(table[radius >> _SEGMENT_BITS], -1, 0)
@@ -102,20 +102,20 @@ def undistort(u, v, settings, width, height, rounds=ROUNDS):
         return value + ((slope * fraction) >> _SEGMENT_BITS) if interpolate else value
 
     offset = [p - c for p, c in zip(principal, (u, v), strict=True)]
-    place = checked(offset)
+    position = checked(offset)
     for turn in range(rounds):
-        factor = wrapped(scale(place, turn > 0) >> _ESTIMATE_SHIFT)
+        factor = wrapped(scale(position, turn > 0) >> _ESTIMATE_SHIFT)
         # Undistorted, with 5 fraction bits.
-        estimate = [wrapped((((a * factor) >> _ADD_SHIFT) + 1) >> 2) for a in place]
+        estimate = [wrapped((((a * factor) >> _ADD_SHIFT) + 1) >> 2) for a in position]
         slope = wrapped(dot(tangential, estimate))  # P X, 20 fraction bits
         square = wrapped(dot(estimate, estimate))  # px^2 / 4
         # Sums have 11 fraction bits; the first one is halved, since its product must count twice.
         half = [wrapped(2 * d + 1 + ((a * slope) >> _ADD_SHIFT), 20) for d, a in zip(
             offset, estimate, strict=True)]
-        place = checked([(2 * h + 1 + ((p * square) >> _ADD_SHIFT)) >> 2 for h, p in zip(
+        position = checked([(2 * h + 1 + ((p * square) >> _ADD_SHIFT)) >> 2 for h, p in zip(
             half, tangential, strict=True)])
-    factor = wrapped(scale(place, True))
+    factor = wrapped(scale(position, True))
     shift = [p - (size - 1) * 256 for p, size in zip(principal, (width, height), strict=True)]
     x, y = checked([(2 * (2 * s + 1) + 1 + ((a * factor) >> _ADD_SHIFT)) >> 2 for s, a in zip(
-        shift, place, strict=True)])
+        shift, position, strict=True)])
     return x, y, ok

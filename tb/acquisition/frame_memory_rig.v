@@ -1,5 +1,5 @@
 // For simulation only: a camera and a reader around the frame memory, each with a clock of its own.
-// Every pixel tells its frame's number, so that a reader sees at once when another frame shows
+// Every pixel has its frame's number, so that a reader sees at once when another frame shows
 // through. Both sides run in here; a bench sets them up, waits, and looks at the counters.
 `timescale 1ns / 1ps
 
@@ -145,7 +145,7 @@ module frame_memory_rig #(
     reg [31:0] fresh_ones = 0;
     reg [31:0] compared = 0;
     reg [31:0] torn = 0;
-    reg [31:0] stale = 0;  // not the newest frame, or not told to be fresh or not
+    reg [31:0] stale = 0;  // not the newest frame, or wrongly reported as fresh or not
     reg [31:0] changed = 0;  // what is known of the frame changed while it was held
     reg [31:0] longest = 0;  // clocks from a request to the answer
 

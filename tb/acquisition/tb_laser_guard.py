@@ -270,7 +270,7 @@ async def armed_or_dark(dut):
     got = await guard.step(1)
     assert got[3] == 0
     await guard.step(1, request=0)
-    got = await guard.step(2, request=1)  # told again, as it still does not beat
+    got = await guard.step(2, request=1)  # reported again, as the heartbeat is still missing
     assert got[3] == HEARTBEAT
     guard.check()
 

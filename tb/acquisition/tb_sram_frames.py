@@ -13,7 +13,7 @@ CLOCKS = ((10_000, 10_000), (10_000, 9_998), (10_000, 6_350), (10_000, 21_000))
 
 
 def pixel(number, address):
-    """A grey value that tells its frame."""
+    """A grey value that identifies its frame."""
     mixed = (number * 0x9E3779B1 ^ (address + 1) * 0x85EBCA6B) & 0xFFFFFFFF
     return ((mixed ^ mixed >> 15) * 0xC2B2AE35 & 0xFFFFFFFF) >> 24
 

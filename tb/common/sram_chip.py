@@ -58,7 +58,7 @@ class SRAMChip(wiring.Component):
         m.domains += ClockDomain("falling", clk_edge="neg", reset_less=True, local=True)
         m.d.comb += ClockSignal("falling").eq(ClockSignal())
         size = 1 << self.address_bits
-        # The ninth bit of a byte tells that it was written.
+        # The ninth bit of a byte indicates that it was written.
         Byte = data.StructLayout({"data": 8, "known": 1})
         m.submodules.words = words = Memory(
             shape=data.ArrayLayout(Byte, 4), depth=size, init=[])

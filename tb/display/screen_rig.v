@@ -126,7 +126,7 @@ module screen_rig #(
     wire [$clog2(HEIGHT)-1:0] row, fetch_row;
     wire [7:0] data, undrawn, broken, skipped, unread;
 
-    // What a store in an external memory also tells.
+    // What a store in an external memory also reports.
     wire [7:0] late;
     wire [15:0] violations, unwritten;
     wire [31:0] reads, writes;

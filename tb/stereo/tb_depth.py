@@ -81,7 +81,7 @@ async def spots_match_model(dut, gap, stall):
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 async def limits_of_the_range(dut):
     """1 and 2**18 - 1 are kept, 0 and 2**18 are rejected, to the bit of the fraction; and each
-    bit alone tells, within the range and above it."""
+    bit alone decides, within the range and above it."""
     steps = (-2049, -2048, -2047, -1, 0, 1, 2047, 2048, 2049)
     values = [0, 1, 2, (1 << 18) - 2, (1 << 18) - 1, 1 << 18, (1 << 18) + 1, -1]
     beta = [(value << 12) + step for value in values for step in steps]

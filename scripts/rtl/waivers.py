@@ -61,7 +61,7 @@ WAIVERS = (
            r"reader_is_fresh|newest_is_unread|write_bank|free)", _STABLE),
     Waiver(r"(.*banks\.)?reader(_exists|_info|_is_fresh)?", r"(.*banks\.|.*)?(held|fresh|frame|"
            r"read_bank|list_number)", _STABLE),
-    Waiver(r"(.*\.)?(bank_\d+_page_\d+|places)", r"(.*\.)?(bank_\d+_page_\d+|places)_r_data",
+    Waiver(r"(.*\.)?(bank_\d+_page_\d+|diamonds)", r"(.*\.)?(bank_\d+_page_\d+|diamonds)_r_data",
            "no bank is written while the reader holds it (`make prove`); data read from others is "
            "not used"),
     Waiver(r"(.*\.)?row_late", r"(.*\.)?late_synchronizer\.stage0",

@@ -5,18 +5,25 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calibration.chessboards import LensReport, calibrate_lens
+from calibration.diagnosis import check_planes, identify_or_explain
 from calibration.file import Beam, Calibration
-from calibration.identity import Identity, identify
+from calibration.identity import Identity
 from calibration.lens_check import doubts
 from calibration.lines import BeamLines, Observations, fit_lines
 from calibration.plane_check import check_plane_positions
-from calibration.plane_offset import PlaneOffset, corrected, estimate_offset
+from calibration.plane_offset import PlaneOffset, corrected, offset_by_lines
 from calibration.reciprocal import reciprocal_table
 from calibration.remap import remap_settings
 from calibration.spots import plane_spots
 from calibration.tables import Tables, Windows, build_tables, choose_windows
 from calibration.undistortion import undistortion_settings
-from calibration.usable import drop_scattered, relative_areas, remarks, usable_beams
+from calibration.usable import (
+    check_distances,
+    drop_scattered,
+    relative_areas,
+    remarks,
+    usable_beams,
+)
 from model.errors import UserError
 from model.preprocessing.centre import centres
 from model.preprocessing.spot_queue import QUEUED_DTYPE
@@ -108,7 +115,7 @@ def _fit_usable(planes, observations, identity, lens):
     Beams whose spots scatter are left out, and the rest is fitted again.
     """
     usable = usable_beams(observations, identity.projector, identity.expected)
-    offset = estimate_offset(usable.observations)
+    offset = offset_by_lines(usable.observations)
     usable = replace(usable, observations=corrected(usable.observations, offset.correction_mm))
     while True:
         lines = fit_lines(usable.observations, lens)
@@ -150,7 +157,8 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
     """
     distances = [plane.z_mm for plane in planes]
     _depth_range(options, distances)
-    identity = identify(planes, nominal, lens)
+    check_planes(planes)
+    identity = identify_or_explain(planes, nominal, lens, lens_report.scale_sigma)
     check_plane_positions(planes, identity, lens)
     observations = Observations.of(planes, identity, lens)
     usable, offset, lines = _fit_usable(planes, observations, identity, lens)
@@ -229,9 +237,11 @@ def calibrate(capture, options, progress=None):
         if progress:
             progress(phase, len(images), len(images))
 
+    capture.check_sizes()
     lens, lens_report = calibrate_lens(
         counted("chessboards", capture.lens_images()), capture.board_columns, capture.board_rows,
         capture.square_mm, capture.focal_px)
+    check_distances([z_mm for _, z_mm in capture.planes])
     settings = with_lens(options.settings, lens)
     if options.remapped:
         settings = replace(settings, **remap_settings(lens))

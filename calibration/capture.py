@@ -11,7 +11,7 @@ from pathlib import Path
 
 from calibration.csv_table import read_table
 from calibration.files import list_names, read_octets, unused_files
-from calibration.image import LARGEST, SUFFIXES, read_image
+from calibration.image import LARGEST, SUFFIXES, image_size, read_image
 from calibration.projector import Projector
 from model.errors import UserError
 
@@ -65,6 +65,29 @@ class Capture:
     lens_paths: tuple
     planes: tuple
     notes: tuple = ()
+
+    def check_sizes(self):
+        """Refuse a wrong size in capture.toml, and photographs of another sensor than the planes'.
+
+        A single file of another size is refused when it is read.
+        """
+        wanted, toml = (self.width, self.height), self.folder / "capture.toml"
+        lens = {image_size(path) for path in self.lens_paths} - {None}
+        planes = {image_size(path) for path, _ in self.planes} - {None}
+        if len(lens) != 1 or len(planes) != 1 or lens == planes == {wanted}:
+            return
+        (photograph,), (frame,) = lens, planes
+        sizes = [f"{columns} x {rows}" for columns, rows in (photograph, frame, wanted)]
+        if photograph == frame:
+            raise UserError(
+                f"All images have {sizes[0]} pixels, but {toml} says {sizes[2]}: correct width and "
+                "height in [sensor].")
+        turned = (", turned by a quarter" if photograph == frame[::-1] else
+                  ", of another sensor, scaled or cropped")
+        raise UserError(
+            f"The chessboard photographs have {sizes[0]} pixels{turned}, and the plane frames "
+            f"{sizes[1]} ({toml} says {sizes[2]}): take both with the camera that measures, "
+            "unchanged.")
 
     def lens_images(self) -> list:
         """Names and pixels of the chessboard photographs."""

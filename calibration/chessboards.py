@@ -23,6 +23,8 @@ _BETTER = 0.92
 FLAGGED_FOCAL, REFUSED_FOCAL = 0.02, 0.15
 #: Standard deviation of the principal point from which on the lens is flagged, px.
 FLAGGED_PRINCIPAL_PX = 3.0
+#: Then a nominal focal length that is known so well is used too.
+_NOMINAL_SIGMA = 0.05
 _TILT = ("photograph the board tilted by 20 to 40 degrees, to the left, to the right, up and down, "
          "as large as the picture")
 
@@ -40,7 +42,9 @@ class LensReport:
     without_board, outliers : tuples of :class:`str`
         Photographs that show no complete board, and that fit much worse than the others.
     focal_sigma : :class:`float`
-        Standard deviation of the focal length, a share of it.
+        Standard deviation of the focal length by the photographs, a share of it.
+    scale_sigma : :class:`float`
+        The same with the nominal focal length, where that was used.
     principal_sigma_px : :class:`float`
         That of the principal point, px.
     flags : tuple of :class:`str`
@@ -53,6 +57,7 @@ class LensReport:
     without_board: tuple = ()
     outliers: tuple = ()
     focal_sigma: float = 0.0
+    scale_sigma: float = 0.0
     principal_sigma_px: float = 0.0
     flags: tuple = ()
 
@@ -209,7 +214,7 @@ def _flags(fit, sigma_px):
     sigma = fit.sigma("focal") / fit.lens.focal
     if sigma > FLAGGED_FOCAL:
         flags.append(f"The photographs hardly determine the focal length (+-{sigma:.1%}; good is "
-                     f"below {FLAGGED_FOCAL:.0%}): {_TILT}.")
+                     f"below {FLAGGED_FOCAL:.0%}), so focal_px was used too: {_TILT}.")
     if sigma_px > FLAGGED_PRINCIPAL_PX:
         flags.append(f"The photographs hardly determine the principal point (+-{sigma_px:.1f} px; "
                      f"good is below {FLAGGED_PRINCIPAL_PX:g} px): {_TILT}.")
@@ -252,10 +257,17 @@ def fit_lens(names, corners, size, board, focal_px, missing=()):
     fit, views, kept, outliers = best
     other_camera(board, views, kept, fit)
     _check(fit, focal_px)
+    focal_sigma = fit.sigma("focal") / fit.lens.focal
+    flags = _flags(fit, max(fit.sigma("principal_u"), fit.sigma("principal_v")))
+    if focal_sigma > FLAGGED_FOCAL:
+        spread = fit.rms_px / np.sqrt(2)
+        fit = fit_boards(board, views, fit.names, fit.lens, fit.poses,
+                         (focal_px, _NOMINAL_SIGMA * focal_px, spread))
+        _check(fit, focal_px)
     lens = bounded(fit, np.concatenate(views))
     sigma_px = max(fit.sigma("principal_u"), fit.sigma("principal_v"))
     return lens, LensReport(
         rms_px=fit.rms_px, used=tuple(kept), view_rms_px=tuple(fit.view_rms_px.tolist()),
         without_board=tuple(missing), outliers=tuple(outliers),
-        focal_sigma=fit.sigma("focal") / lens.focal, principal_sigma_px=sigma_px,
-        flags=_flags(fit, sigma_px))
+        focal_sigma=focal_sigma, scale_sigma=fit.sigma("focal") / lens.focal,
+        principal_sigma_px=sigma_px, flags=flags)

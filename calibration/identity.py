@@ -12,13 +12,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from calibration.lines import Observations
-from calibration.mesh_search import TOLERANCE_RELATIVE, MeshSearch
+from calibration.mesh_search import MeshSearch
 from calibration.plane_check import check_plane_distances
-from calibration.plane_offset import estimate_offset
+from calibration.plane_offset import offset_by_lines
 from calibration.projector import Projector, predict
 from model.errors import UserError
 
-__all__ = ["Identity", "PlaneSpots", "identify"]
+__all__ = ["Candidates", "Identity", "MeshError", "PlaneSpots", "identify"]
 
 #: Any other numbering must leave so many spots more unexplained, and so large a share of all.
 MARGIN_SPOTS = 8
@@ -27,6 +27,10 @@ MARGIN_SHARE = 0.01
 USABLE_SHARE = 0.5
 #: A beam found in no more than this share of the planes that should show it may be dead.
 _DEAD_SHARE = 1 / 3
+
+
+class MeshError(UserError):
+    """The spots are not those of the nominal mesh."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +130,7 @@ def _shifted(beams, rows, columns, by_row, by_column):
     return np.where(good, row * columns + column, -1)
 
 
-class _Candidates:
+class Candidates:
     """Projectors that a :class:`MeshSearch` has found, each with its numbering and cost."""
 
     def __init__(self, search):
@@ -162,10 +166,10 @@ class _Candidates:
             np.arange(search.nominal.beams), beam[own], plane[own], search.all_inverse_z[own],
             *search.all_positions[own].T)
         check_plane_distances(observations, search.planes)
-        return estimate_offset(observations).correction_mm
+        return offset_by_lines(observations).correction_mm
 
 
-def identify(planes, nominal, lens):
+def identify(planes, nominal, lens, scale_sigma=0.0):
     """Assign every spot of the plane frames to its beam.
 
     Raises :class:`UserError` if no projector near the nominal one explains the spots, or if the
@@ -180,26 +184,29 @@ def identify(planes, nominal, lens):
         Nominal projector; right to about 3 % and 1 degree.
     lens : :class:`calibration.lens.Lens`
         Lens already calibrated.
+    scale_sigma : :class:`float`
+        Standard deviation of its focal length, a share of it.
 
     Returns
     -------
     :class:`Identity`
     """
-    candidates = _Candidates(MeshSearch(planes, nominal, lens))
+    candidates = Candidates(MeshSearch(planes, nominal, lens, scale_sigma))
     offset = candidates.offset()
     if offset:
         # Of distances that are wrong by a constant, a projector too far away makes the best.
-        candidates = _Candidates(MeshSearch(
-            [replace(plane, z_mm=plane.z_mm + offset) for plane in planes], nominal, lens))
+        candidates = Candidates(MeshSearch(
+            [replace(plane, z_mm=plane.z_mm + offset) for plane in planes], nominal, lens,
+            scale_sigma))
     search, found, keep = candidates.search, candidates.found, candidates.keep
     (cost, count, _), vector, beams = candidates.best()
     rms, matched, expected = _fit(search, vector, beams, count)
     _check_border(search, vector, beams)
     if not search.within(vector):
-        raise UserError(
+        raise MeshError(
             f"The spots of the plane frames fit only a projector too far from the nominal one "
             f"({_differences(search, vector)}; at most {search.turn_deg:.1f} degrees and "
-            f"{TOLERANCE_RELATIVE:.0%} are believed): correct [projector] in capture.toml.")
+            f"{search.relative:.0%} are believed): correct [projector] in capture.toml.")
 
     # The same spots, numbered a row or a column further: does a believable projector fit?
     steps = [(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if row or column]
@@ -216,7 +223,7 @@ def identify(planes, nominal, lens):
         and np.mean(np.concatenate(numbered) == np.concatenate(beams)) < 0.5]
     margin = min(others, default=float("inf")) - cost
     if margin < max(MARGIN_SPOTS, MARGIN_SHARE * count):
-        raise UserError(
+        raise MeshError(
             "The beams of the plane frames cannot be told from their neighbours: numbered a row or "
             "a column further they fit the nominal projector as well. Give its angles in "
             "capture.toml more exactly, or show a border of the mesh in the picture.")
@@ -242,7 +249,7 @@ def _fit(search, vector, beams, count):
                 ) if count else float("inf")
     if count < 8 or matched < 0.6 or alive.sum() < USABLE_SHARE * (shown > 0).sum():
         predicted = int(inside.sum())
-        raise UserError(
+        raise MeshError(
             f"The spots of the plane frames do not form the nominal {nominal.rows} x "
             f"{nominal.columns} mesh (only {count} of {predicted} expected spots are where a "
             "projector like that puts them): check [projector] in capture.toml and z_mm in "

@@ -13,7 +13,7 @@ from PIL import Image
 from calibration.files import read_octets
 from model.errors import UserError
 
-__all__ = ["LARGEST", "SUFFIXES", "read_image"]
+__all__ = ["LARGEST", "SUFFIXES", "image_size", "read_image"]
 
 #: Names of images end so.
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
@@ -93,6 +93,16 @@ def _pixels(path, data, image):
         return np.array(image)
     except Exception as error:  # Pillow's readers raise whatever hostile data lead to
         raise UserError(f"{path} is truncated or damaged: {_AGAIN}.") from error
+
+
+def image_size(path):
+    """Columns and rows by an image's header; None if it has none that can be read."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return _header(path, read_octets(path, "name an image", _MOST))[0].size
+    except UserError:
+        return None
 
 
 def read_image(path, width=None, height=None) -> np.ndarray:

@@ -69,9 +69,16 @@ def _projected(board, lens, poses):
 class _Problem:
     """Residuals and normal equations; every board's pose belongs to its own view only."""
 
-    def __init__(self, board, corners, names, lens):
+    def __init__(self, board, corners, names, lens, nominal):
         self.board, self.corners = np.asarray(board, float), np.stack(corners).astype(float)
         self.names, self.start = names, lens
+        # The focal length, which is the first parameter, is drawn to its nominal value.
+        self.nominal = nominal[0] if nominal else 0.0
+        self.pull = (nominal[2] / nominal[1]) ** 2 if nominal else 0.0
+
+    def cost(self, error, values):
+        """What is minimised."""
+        return np.sum(error**2) + (self.pull * (values[0] - self.nominal) ** 2 if self.pull else 0)
 
     def lens(self, values):
         """The lens with other values of its free parameters."""
@@ -100,8 +107,7 @@ class _Problem:
             by_pose.append((self.error(values, moved) - error) / step)
         return error, np.reshape(by_lens, (-1, *error.shape)), np.array(by_pose)
 
-    @staticmethod
-    def normal(error, by_lens, by_pose, damping=0.0):
+    def normal(self, values, error, by_lens, by_pose, damping=0.0):
         """The lens's normal matrix and right side without the poses, and what gives those back."""
         pose = np.einsum("pvi,qvi->vpq", by_pose, by_pose)
         pose = pose + damping * np.einsum("vpp,pq->vpq", pose, np.eye(6))
@@ -113,10 +119,13 @@ class _Problem:
         matrix = lens - np.einsum("vpa,vab,vqb->pq", cross, inverse, cross)
         right = np.einsum("pvi,vi->p", by_lens, error) - np.einsum(
             "vpa,vab,vb->p", cross, inverse, own)
+        if self.pull:
+            matrix[0, 0] += self.pull
+            right[0] += self.pull * (values[0] - self.nominal)
         return matrix, right, (inverse, cross, own)
 
 
-def fit_boards(board, corners, names, lens, poses):
+def fit_boards(board, corners, names, lens, poses, nominal=None):
     """Fit a lens by Levenberg's and Marquardt's method.
 
     Parameters
@@ -131,23 +140,25 @@ def fit_boards(board, corners, names, lens, poses):
         Where to start; the other parameters stay as they are.
     poses : array (views, 6)
         Where to start.
+    nominal : three :class:`float` or None
+        A focal length that is known already, its standard deviation, and that of the corners; px.
 
     Returns
     -------
     :class:`LensFit`
     """
-    problem = _Problem(board, corners, names, lens)
+    problem = _Problem(board, corners, names, lens, nominal)
     values, poses = np.array([getattr(lens, name) for name in names]), np.array(poses, float)
     cost, damping = np.inf, 1e-4
     with np.errstate(all="ignore"):
         system = problem.system(values, poses)
-        cost = np.sum(system[0] ** 2)
+        cost = problem.cost(system[0], values)
         for _ in range(_ROUNDS):
-            matrix, right, (inverse, cross, own) = problem.normal(*system, damping)
+            matrix, right, (inverse, cross, own) = problem.normal(values, *system, damping)
             step = -np.linalg.lstsq(matrix, right, rcond=1e-14)[0]
             turn = -np.einsum("vab,vb->va", inverse, own + np.einsum("vpa,p->va", cross, step))
             then = problem.error(values + step, poses + turn)
-            gained = cost - np.sum(then**2)
+            gained = cost - problem.cost(then, values + step)
             if not gained >= 0:
                 damping *= 10
                 if damping > 1e8:
@@ -155,11 +166,12 @@ def fit_boards(board, corners, names, lens, poses):
                 continue
             values, poses, damping = values + step, poses + turn, max(damping / 10, 1e-9)
             system = problem.system(values, poses)
-            cost = np.sum(system[0] ** 2)
+            cost = problem.cost(system[0], values)
             if gained < 1e-9 * cost:
                 break
-        matrix = problem.normal(*system)[0]
+        matrix = problem.normal(values, *system)[0]
     error = system[0]
+    cost = np.sum(error**2)
     freedom = max(error.size - len(names) - poses.size, 1)
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     covariance = np.zeros((0, 0))

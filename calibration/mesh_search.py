@@ -20,6 +20,11 @@ TOLERANCE_RELATIVE = 0.06
 #: an angle that counts where the focal length is short: 1.4 degrees at 80 px.
 _PRINCIPAL_PX = 2.0
 
+#: Standard deviations of the lens's scale that are allowed for.
+_SCALE_SIGMAS = 2.5
+#: Limit of the base along the axis, a share of its length.
+_BASE_ALONG = 0.12
+
 _HALF = 320          # distance maps cover +-320 px about the image centre
 _REACH = 20.0        # a predicted spot farther than this from any real one is simply missing
 
@@ -38,6 +43,8 @@ class MeshSearch:
         Where the search starts.
     lens : :class:`calibration.lens.Lens`
         Lens already calibrated.
+    scale_sigma : :class:`float`
+        Standard deviation of its focal length, a share of it: pitch and base may be off as much.
 
     Attributes
     ----------
@@ -45,11 +52,13 @@ class MeshSearch:
         The nominal vector.
     limit : array (7,)
         How far a vector may be from it.
+    relative : :class:`float`
+        That limit for base and pitch, a share.
     turn_deg : :class:`float`
         That limit for toe-in and tilt, in degrees.
     """
 
-    def __init__(self, planes, nominal, lens):
+    def __init__(self, planes, nominal, lens, scale_sigma=0.0):
         self.planes, self.nominal, self.lens = planes, nominal, lens
         row, column = np.divmod(np.arange(nominal.beams), nominal.columns)
         self.row, self.column = row - (nominal.rows - 1) / 2, column - (nominal.columns - 1) / 2
@@ -63,8 +72,12 @@ class MeshSearch:
         self.turn_deg = max(
             TOLERANCE_ANGLE_DEG, 1 + float(np.degrees(np.arctan(_PRINCIPAL_PX / lens.focal))))
         turn = np.radians(self.turn_deg)
-        self.limit = np.array([TOLERANCE_RELATIVE * base] * 3 + [
-            TOLERANCE_RELATIVE * self.start[3], np.radians(TOLERANCE_ANGLE_DEG), turn, turn])
+        self.relative = float(np.hypot(TOLERANCE_RELATIVE, _SCALE_SIGMAS * scale_sigma))
+        # A wrong lens looks like a projector farther along the axis.
+        along = max(self.relative, _BASE_ALONG)
+        self.limit = np.array([
+            self.relative * base, self.relative * base, along * base,
+            self.relative * self.start[3], np.radians(TOLERANCE_ANGLE_DEG), turn, turn])
 
     def predict(self, vector, plane):
         """Undistorted positions of all beams in one plane, px: (..., beams, 2)."""

@@ -9,7 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-__all__ = ["PlaneOffset", "corrected", "estimate_offset"]
+from calibration.lines import common_origin_sigma
+
+__all__ = ["PlaneOffset", "corrected", "estimate_offset", "offset_by_lines"]
 
 #: Fewer standard deviations than this are not corrected.
 _SIGMAS = 3.0
@@ -91,3 +93,13 @@ def estimate_offset(observations):
     by_plane = np.sum(np.bincount(observations.plane, score) ** 2) * planes / max(planes - 3, 1)
     variance = max(sigma**2 * information, by_beam, by_plane)
     return PlaneOffset(offset, float(np.sqrt(variance) / information))
+
+
+def offset_by_lines(observations):
+    """As :func:`estimate_offset`, with a standard deviation that allows for a wrong lens.
+
+    It grows by the factor by which lines through one origin miss the spots more than free lines.
+    """
+    offset = estimate_offset(observations)
+    common, free = common_origin_sigma(corrected(observations, offset.mm))
+    return replace(offset, sigma_mm=offset.sigma_mm * max(1.0, common / max(free, 1e-6)))

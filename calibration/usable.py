@@ -7,13 +7,15 @@ import numpy as np
 from calibration.identity import USABLE_SHARE
 from model.errors import UserError
 
-__all__ = ["MIN_PLANES", "UsableBeams", "drop_scattered", "relative_areas",
-           "remarks", "usable_beams"]
+__all__ = ["MIN_PLANES", "UsableBeams", "check_distances", "drop_scattered",
+           "relative_areas", "remarks", "usable_beams"]
 
 #: A line through fewer planes has nothing left to be checked with.
 MIN_PLANES = 4
 #: Spots of a beam this many times as large as those of the others, or as small, are pointed out.
 OVERBRIGHT_AREA, DIM_AREA = 1.35, 0.5
+#: Share of the expected spots of a missing row that may be there by chance.
+_STRAY_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,37 @@ def _check_number(observations, left_out, mesh):
         "threshold.")
 
 
+def check_distances(distances):
+    """Refuse planes at fewer than four distances; any numbers that stand for those will do."""
+    count = len(np.unique(distances))
+    if count == 1:
+        raise UserError(
+            f"All plane frames are at one distance by planes.csv, at least {MIN_PLANES} different "
+            "ones are needed: correct z_mm, or add frames at other distances.")
+    if count < MIN_PLANES:
+        raise UserError(
+            f"The plane frames show {count} distances, at least {MIN_PLANES} different ones are "
+            "needed: add frames to planes/planes.csv.")
+
+
+def _check_outer_rows(found, expected, mesh):
+    """Refuse a mesh an outer row or column of which was never seen, though it should have been."""
+    number = np.arange(mesh.beams).reshape(mesh.rows, mesh.columns)
+    sides = {"row 0": ("rows", number[0]), f"row {mesh.rows - 1}": ("rows", number[-1]),
+             "column 0": ("columns", number[:, 0]),
+             f"column {mesh.columns - 1}": ("columns", number[:, -1])}
+    for side, (key, beams) in sides.items():
+        shown = beams[expected[beams] >= MIN_PLANES]
+        # A stray spot may be where a beam is expected.
+        missing = (found[beams] < MIN_PLANES).all() and (
+            found[shown].sum() < _STRAY_SHARE * expected[shown].sum())
+        if getattr(mesh, key) > 2 and missing and len(shown) >= 2:
+            raise UserError(
+                f"The spots of {side} are missing in the plane frames, though the others are "
+                f"there: the mesh seems to have fewer than {getattr(mesh, key)} {key}; correct "
+                f"{key} in [projector] of capture.toml.")
+
+
 def usable_beams(observations, mesh, expected):
     """Leave out the beams that were found at fewer than four distances.
 
@@ -76,12 +109,9 @@ def usable_beams(observations, mesh, expected):
     -------
     :class:`UsableBeams`
     """
-    distances = len(np.unique(observations.plane))
-    if distances < MIN_PLANES:
-        raise UserError(
-            f"The plane frames show {distances} distance{'s' * (distances != 1)}, at least "
-            f"{MIN_PLANES} different ones are needed: add frames to planes/planes.csv.")
+    check_distances(observations.plane)
     found = np.array([observations.planes_of(beam) for beam in range(observations.beams)])
+    _check_outer_rows(found, expected, mesh)
     left_out = {int(observations.numbers[beam]): _reason(int(found[beam]), int(expected[beam]))
                 for beam in np.flatnonzero(found < MIN_PLANES)}
     kept = observations.only(found >= MIN_PLANES)

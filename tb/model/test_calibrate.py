@@ -132,6 +132,18 @@ def test_calibration_for_whole_image_correction(capture, tmp_path):
     assert error.mean() <= 0.009 and found >= 0.97
 
 
+def resized(folder, size):
+    """Give all images of a folder another size."""
+    for path in folder.iterdir():
+        cv2.imwrite(str(path), cv2.resize(cv2.imread(str(path), 0), size))
+
+
+def one_distance(path):
+    """Give all planes the same distance."""
+    names = [line.split(",")[0] for line in path.read_text().splitlines()[1:]]
+    path.write_text("\n".join(["file,z_mm", *(f"{name},60" for name in names)]) + "\n")
+
+
 @pytest.mark.parametrize("edit, options, message", [
     (lambda c: None, ["--preset", "paper", "--centre", "weighted"],
      "--preset paper has binary centres only"),
@@ -140,7 +152,7 @@ def test_calibration_for_whole_image_correction(capture, tmp_path):
     (lambda c: None, ["--alpha", "16"], "--alpha must be 0 to 15.9, not 16"),
     (lambda c: None, ["--area-min", "0"], "--area-min must be 1 to 255, not 0"),
     (lambda c: None, ["--area-min", "9", "--area-max", "8"], "--area-min must not be above"),
-    (lambda c: None, ["--threshold", "255"], "do not form the nominal 7 x 7 mesh"),
+    (lambda c: None, ["--threshold", "255"], "No spots were found in 6 of the 6 plane frames"),
     (lambda c: None, ["--depth-min", "90", "--depth-max", "50"], "The depth range 90 to 50 mm is "),
     (lambda c: replace_in(c / "capture.toml", "columns = 7", "columns = 6"), [],
      "continue the 7 x 6 mesh"),
@@ -150,13 +162,19 @@ def test_calibration_for_whole_image_correction(capture, tmp_path):
         "\n".join((c / "planes" / "planes.csv").read_text().splitlines()[:4]) + "\n"), [],
      "show 3 distances, at least 4"),
     (lambda c: replace_in(c / "capture.toml", "width = 352", "width = 320"), [],
-     "0.png has 352 x 288 pixels"),
+     "All images have 352 x 288 pixels, but "),
+    (lambda c: resized(c / "lens", (320, 320)), [],
+     "The chessboard photographs have 320 x 320 pixels, of another sensor, scaled or cropped, and "
+     "the plane frames 352 x 288"),
+    (lambda c: resized(c / "lens", (288, 352)), [], "have 288 x 352 pixels, turned by a quarter"),
+    (lambda c: one_distance(c / "planes" / "planes.csv"), [],
+     "All plane frames are at one distance by planes.csv"),
     (lambda c: replace_in(c / "capture.toml", "pitch_deg = 6", "pitch_deg = 0 # "), [],
      "pitch_deg in [projector] must"),
     (lambda c: replace_in(c / "capture.toml", "base_mm = [", "base_mm = [0, 1, 2] # "), [],
      "base_mm in [projector] must"),
 ], ids=["preset", "threshold", "alpha", "area", "areas", "dark", "depth", "mesh", "board", "planes",
-        "size", "pitch", "base"])
+        "size", "sensor", "turned", "one distance", "pitch", "base"])
 def test_command_refuses_in_one_sentence(capture, tmp_path, capsys, edit, options, message):
     folder = changed(capture, tmp_path, edit)
     output = tmp_path / "out.json"

@@ -1,6 +1,7 @@
-"""``make bench``: measures speed, accuracy, latency, noise, size, link and presets.
+"""``make bench``: measures speed, accuracy, calibration, latency, noise, size, link and presets.
 
-``python -m tb.benchmark.bench speed|accuracy|latency|noise|size|link|presets`` prints one part.
+``python -m tb.benchmark.bench speed|accuracy|calibration|latency|noise|size|link|presets`` prints
+one part.
 """
 
 import sys
@@ -182,8 +183,22 @@ def presets(console):
     both.presets(console)
 
 
+def calibration(console):
+    """Rigs with faults, planes with wrong distances, poor photographs, capsule endoscopes."""
+    from rich.progress import track
+
+    from tb.benchmark import rig_faults
+    table = _table("Calibration of rigs as they are, seeds 1 to 3", "fault", "found", "error",
+                   "limit")
+    rows = [rig_faults.measure(case, range(1, 4)) for case in track(
+        rig_faults.CASES, "calibration", console=Console(stderr=True), transient=True)]
+    for row in [*rows, rig_faults.frontal_boards(range(5)), *rig_faults.capsules()]:
+        table.add_row(row.case, row.found, row.error, row.limit)
+    console.print(table)
+
+
 PARTS = {part.__name__: part for part in (
-    speed, accuracy, latency, noise, size, link, presets)}
+    speed, accuracy, calibration, latency, noise, size, link, presets)}
 
 
 def main(arguments=None):

@@ -62,7 +62,7 @@ def measure(case, seeds):
     from model.capsule import Capsule
     from model.optics import render, scenes
     from model.optics.rigs import RIGS
-    from scripts.results.points import locate
+    from scripts.results.locator import locate
 
     rig, errors, offsets, left, share = RIGS["endoscope"], [], [], [], []
     for seed in seeds:

@@ -25,6 +25,8 @@ FLAGGED_FOCAL, REFUSED_FOCAL = 0.02, 0.15
 FLAGGED_PRINCIPAL_PX = 3.0
 #: Then a nominal focal length that is known so well is used too.
 _NOMINAL_SIGMA = 0.05
+#: So many photographs that do not fit the others are more than a blurred one.
+_MANY_OUTLIERS = 2
 _TILT = ("photograph the board tilted by 20 to 40 degrees, to the left, to the right, up and down, "
          "as large as the picture")
 
@@ -208,9 +210,12 @@ def _check(fit, focal_px):
             "photograph to the next.")
 
 
-def _flags(fit, sigma_px):
+def _flags(fit, sigma_px, outliers):
     """What is doubtful about a fit, in sentences."""
     flags = []
+    if len(outliers) >= _MANY_OUTLIERS:
+        flags.append(f"The photographs {', '.join(outliers)} do not fit the lens of the others and "
+                     "were left out: were they taken by another camera, or at another focus?")
     sigma = fit.sigma("focal") / fit.lens.focal
     if sigma > FLAGGED_FOCAL:
         flags.append(f"The photographs hardly determine the focal length (+-{sigma:.1%}; good is "
@@ -258,7 +263,7 @@ def fit_lens(names, corners, size, board, focal_px, missing=()):
     other_camera(board, views, kept, fit)
     _check(fit, focal_px)
     focal_sigma = fit.sigma("focal") / fit.lens.focal
-    flags = _flags(fit, max(fit.sigma("principal_u"), fit.sigma("principal_v")))
+    flags = _flags(fit, max(fit.sigma("principal_u"), fit.sigma("principal_v")), outliers)
     if focal_sigma > FLAGGED_FOCAL:
         spread = fit.rms_px / np.sqrt(2)
         fit = fit_boards(board, views, fit.names, fit.lens, fit.poses,

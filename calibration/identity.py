@@ -262,13 +262,16 @@ def _fit(search, vector, beams, count):
 def _differences(search, vector):
     """The parameters beyond their limits, in words."""
     words = []
-    names = ("base x", "base y", "base z", "pitch", "rotation", "toe-in", "tilt")
+    names = ("x of base_mm", "y of base_mm", "z of base_mm", "pitch_deg", "rotation_deg",
+             "toe_in_deg", "tilt")
     for name, value, start, limit in zip(names, vector, search.start, search.limit, strict=True):
         if abs(value - start) > limit:
             if name in names[4:]:
-                words.append(f"{name} {np.degrees(value - start):+.1f} degrees")
-            elif name == "pitch":
-                words.append(f"pitch {value / start - 1:+.1%}")
+                # The vector's toe-in is signed the other way for a projector on the right.
+                side = -1 if name == "toe_in_deg" and search.nominal.base_mm[0] > 0 else 1
+                words.append(f"{name} {side * np.degrees(value - start):+.1f} degrees")
+            elif name == "pitch_deg":
+                words.append(f"{name} {value / start - 1:+.1%}")
             else:
                 words.append(f"{name} {value - start:+.2f} mm")
     return ", ".join(words)

@@ -14,7 +14,8 @@ def _beam_colours(count):
 
 
 def _draw_lines(axes, result):
-    """Spots of all planes in the image, and each beam's line over its window."""
+    """Spots of all planes in the image, each beam's line over its window, the usable region."""
+    from matplotlib.patches import Circle
     calibration, lines, windows = result.calibration, result.lines, result.windows
     lens, colours = calibration.lens, _beam_colours(calibration.projector.beams)
     for beam, colour in enumerate(colours[lines.numbers]):
@@ -26,6 +27,9 @@ def _draw_lines(axes, result):
                       color="0.35", ha="right" if lines.alpha[beam] > 0 else "left", va="center",
                       xytext=(-2 if lines.alpha[beam] > 0 else 2, 0),
                       textcoords="offset points")
+    if lens.usable_px is not None:
+        axes.add_patch(Circle((lens.principal_u, lens.principal_v), lens.usable_px, fill=False,
+                              edgecolor="0.6", linestyle="--", linewidth=0.8, zorder=0))
     stray = 0
     for plane, beams in zip(result.planes, result.identity.beams, strict=True):
         own = beams >= 0

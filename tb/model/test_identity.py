@@ -67,7 +67,7 @@ def test_a_principal_point_that_is_off_turns_the_mesh(name, shift, found):
     wrong = replace(lens, principal_u=lens.principal_u + shift)
     nominal = replace(nominal, toe_in_deg=toe_in)
     if not found:
-        with pytest.raises(UserError, match=r"toe-in .*; at most 1\.6 degrees"):
+        with pytest.raises(UserError, match=r"toe_in_deg .*; at most 1\.6 degrees"):
             identify(planes, nominal, wrong)
         return
     identity = identify(planes, nominal, wrong)

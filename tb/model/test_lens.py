@@ -178,6 +178,14 @@ def test_photographs_of_two_cameras_are_found():
         fitted_lens(mixed)
 
 
+def test_few_photographs_of_another_camera_are_left_out_and_named():
+    other = replace(RIGS["endoscope"].camera, focal_px=330.0, k1=-0.25)
+    lens, report = fitted_lens(board_corners(4, count=12) + board_corners(5, count=3, camera=other))
+    assert report.outliers and set(report.outliers) <= {"12.png", "13.png", "14.png"}
+    assert "do not fit the lens of the others" in report.flags[0]
+    assert abs(lens.focal / 360 - 1) < 0.01
+
+
 def test_poor_photographs_of_one_camera_are_not_called_two():
     lens, report = fitted_lens(board_corners(6, noise=0.3))
     assert report.rms_px > 0.2 and abs(lens.focal / 360 - 1) < 0.03

@@ -1,23 +1,26 @@
 """Writes the tables of ``hdl/link/README.md`` and ``hdl/README.md`` from the RTL's sources.
 
 Between the lines ``<!-- protocol: NAME -->`` and ``<!-- end -->`` stands a table of
-``hdl/protocol.py``. Between ``<!-- latency: PRESET -->`` and ``<!-- end -->`` a table names a block
-in the first cell of each row; its column *Latency* has the block's attribute ``latency``, at the
-sizes of that preset. With ``--check`` nothing is written, and the exit status is 1 if a table is
-stale.
+``hdl/protocol.py``. Between ``<!-- blocks: PRESET -->`` and ``<!-- end -->`` a table names a block
+in the first cell of each row; its columns *Latency* and *Memory* have the block's attribute
+``latency`` and its memories, at the sizes of that preset. With ``--check`` nothing is written, and
+the exit status is 1 if a table is stale.
 """
 
 import argparse
 import inspect
 import re
 import sys
+from collections import Counter
+
+from amaranth.hdl import Fragment, MemoryInstance, Shape
 
 from hdl import protocol
 from hdl.config import PRESETS
 from scripts.paths import ROOT
 from scripts.rtl.blocks import find
 
-__all__ = ["FILES", "TABLES", "latency", "main", "meanings", "updated"]
+__all__ = ["FILES", "TABLES", "columns", "main", "meanings", "updated"]
 
 #: Files with tables.
 FILES = ("hdl/link/README.md", "hdl/README.md")
@@ -32,7 +35,7 @@ _WORDS = {
     "see Flag": "as in [points](#points)",
 }
 _MARKED = re.compile(r"(<!-- protocol: (\w+) -->\n).*?(<!-- end -->)", re.S)
-_LATENCIES = re.compile(r"(<!-- latency: (\w+) -->\n)(.*?)(<!-- end -->)", re.S)
+_OF_BLOCKS = re.compile(r"(<!-- blocks: (\w+) -->\n)(.*?)(<!-- end -->)", re.S)
 #: How a docstring says what its attribute ``latency`` is.
 _DOCUMENTED = re.compile(r"^latency : :class:`int`\n((?:    .+\n?)+)", re.M)
 
@@ -164,8 +167,14 @@ TABLES = {function.__name__[1:]: function for function in (
     _identity, _status, _causes, _display)}
 
 
-def latency(name, preset):
-    """A block's latency in clocks as the README has it, such as ``3`` or ``832 at most``.
+def columns(name, preset):
+    """Latency and memories of a block, by the head of their columns.
+
+    Returns
+    -------
+    :class:`dict`
+        ``Latency`` in clocks, such as ``3`` or ``832 at most``; ``Memory`` in words and bits, such
+        as ``2 x 128 x 36, 16 x 11``.
 
     Raises
     ------
@@ -177,21 +186,36 @@ def latency(name, preset):
     documented = _DOCUMENTED.search(inspect.getdoc(block.component_class))
     if documented is None:
         raise LookupError(f"The docstring of {name} has no attribute `latency`")
-    clocks = block.component(PRESETS[preset]).latency
-    return f"{clocks:,}" + (" at most" if re.search(r"at\s+most", documented[1]) else "")
+    component = block.component(PRESETS[preset])
+    sizes = Counter(_memories(Fragment.get(component, None)))
+    return {
+        "Latency": f"{component.latency:,}" + (
+            " at most" if re.search(r"at\s+most", documented[1]) else ""),
+        "Memory": ", ".join(
+            size if count == 1 else f"{count} x {size}" for size, count in sizes.items())}
+
+
+def _memories(fragment):
+    if isinstance(fragment, MemoryInstance):
+        words = fragment._data
+        yield f"{words.depth} x {Shape.cast(words.shape).width}"
+        return
+    for inner, *_ in fragment.subfragments:
+        yield from _memories(inner)
 
 
 def _cells(line):
     return [cell.strip() for cell in line.split("|")[1:-1]]
 
 
-def _with_latencies(table, preset):
-    """A table with the cells of its column *Latency* written anew."""
+def _of_blocks(table, preset):
+    """A table of blocks with the cells of its columns *Latency* and *Memory* written anew."""
     lines = table.splitlines()
-    column = _cells(lines[0]).index("Latency")
+    heads = _cells(lines[0])
     for number, line in enumerate(lines[2:], 2):
         cells = _cells(line)
-        cells[column] = latency(cells[0].strip("`"), preset)
+        for head, contents in columns(cells[0].strip("`"), preset).items():
+            cells[heads.index(head)] = contents
         lines[number] = "|".join(["", *(f" {cell} " if cell else " " for cell in cells), ""])
     return "\n".join(lines) + "\n"
 
@@ -199,8 +223,8 @@ def _with_latencies(table, preset):
 def updated(text):
     """``text`` with all its tables written anew."""
     text = _MARKED.sub(lambda found: found[1] + TABLES[found[2]]() + found[3], text)
-    return _LATENCIES.sub(
-        lambda found: found[1] + _with_latencies(found[3], found[2]) + found[4], text)
+    return _OF_BLOCKS.sub(
+        lambda found: found[1] + _of_blocks(found[3], found[2]) + found[4], text)
 
 
 def main(arguments=None):

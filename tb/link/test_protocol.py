@@ -16,8 +16,6 @@ from scripts.rtl import readme_tables as tables
 from scripts.rtl.blocks import BLOCKS
 from tb.link.command_host import Host
 
-#: Blocks are looked at here, not elaborated.
-pytestmark = pytest.mark.filterwarnings("ignore::amaranth.hdl.UnusedElaboratable")
 README = (ROOT / "hdl" / "link" / "README.md").read_text()
 
 
@@ -42,27 +40,31 @@ def test_stale_tables_are_told_and_written(monkeypatch, capsys, tmp_path):
     assert stale.read_text() == README
 
 
-def test_stale_latency_is_written():
+def test_stale_columns_are_written():
     text = (ROOT / "hdl" / "README.md").read_text()
-    row = "| `stereo/depth` | Match | Point | {} | the same |"
-    assert row.format(5) in text
-    assert tables.updated(text.replace(row.format(5), row.format(6))) == text
-    # The number is that of the preset.
-    assert tables.latency("stereo/epipolar", "capsule") == "28"
-    assert tables.latency("stereo/epipolar", "paper") == "4"
-    assert tables.latency("acquisition/camera", "capsule") == "3 at most"
+    row = "| `preprocessing/spot_queue` | Spot | QueuedSpot, Counts | {} | {} |"
+    right = row.format(2, "2 x 128 x 36")
+    assert right in text
+    for wrong in (row.format(3, "2 x 128 x 36"), row.format(2, "128 x 36")):
+        assert tables.updated(text.replace(right, wrong)) == text
+    # They are those of the preset.
+    assert tables.columns("stereo/epipolar", "capsule") == {
+        "Latency": "28", "Memory": "2 x 256 x 36"}
+    assert tables.columns("stereo/epipolar", "paper") == {"Latency": "4", "Memory": "50 x 256 x 36"}
+    assert tables.columns("acquisition/camera", "capsule")["Latency"] == "3 at most"
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=[block.name for block in BLOCKS])
 def test_every_block_says_its_latency(block):
-    assert re.fullmatch(r"[\d,]+( at most)?", tables.latency(block.name, block.preset))
+    latency = tables.columns(block.name, block.preset)["Latency"]
+    assert re.fullmatch(r"[\d,]+( at most)?", latency)
 
 
-def test_unknown_latency():
+def test_unknown_columns():
     with pytest.raises(LookupError, match="There is no block 'foo'"):
-        tables.latency("foo", "capsule")
+        tables.columns("foo", "capsule")
     with pytest.raises(LookupError, match="docstring of reconstruction has no"):
-        tables.latency("reconstruction", "capsule")
+        tables.columns("reconstruction", "capsule")
 
 
 def test_every_table_is_shown():

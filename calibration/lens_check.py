@@ -78,4 +78,4 @@ def doubts(planes, identity, lens, offset_mm, used):
         return []
     return [f"The lens of the photographs does not fit the plane frames (the beams meet in one "
             f"point only to {sigma:.3f} px, {ratio:.1f} times what the spots allow): were they "
-            "taken by another camera, or at another focus?"]
+            "taken by another camera, or at another focus? Or the beams do not leave one point."]

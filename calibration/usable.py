@@ -37,7 +37,7 @@ class UsableBeams:
 def _reason(found, expected):
     """Why a beam that was found at so few of the expected distances is left out."""
     if expected < MIN_PLANES:
-        return f"inside the picture at {expected} distances only"
+        return f"inside the usable part of the picture at {expected} distances only"
     if not found:
         return (f"no spot at the {expected} distances that should show it: dead, blocked, or its "
                 "spots are outside the limits of the area")
@@ -201,8 +201,8 @@ def remarks(usable, areas, identity, planes):
         elif areas[beam] < DIM_AREA:
             words.append(f"dim: its spots are {areas[beam]:.1f} times as large as usual")
         if identity.expected[beam] < planes:
-            words.append(f"outside the picture at {planes - identity.expected[beam]} of "
-                         f"{planes} distances")
+            words.append("outside the usable part of the picture at "
+                         f"{planes - identity.expected[beam]} of {planes} distances")
         if words:
             result[beam] = "; ".join(words)
     return dict(sorted(result.items()))

@@ -65,7 +65,8 @@ def test_beams_out_of_the_picture_at_some_distances():
     cut = np.flatnonzero(identity.expected < 12)
     assert len(cut) >= 7 and (identity.expected[cut] >= 4).any()
     assert set(found.left_out) == set(np.flatnonzero(identity.expected < 4).tolist())
-    assert all("inside the usable part of the picture at" in reason for reason in found.left_out.values())
+    assert all("inside the usable part of the picture at" in reason
+               for reason in found.left_out.values())
 
 
 def test_a_mesh_of_which_too_little_is_left_is_refused():

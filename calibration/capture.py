@@ -91,7 +91,8 @@ class Capture:
 
     def lens_images(self) -> list:
         """Names and pixels of the chessboard photographs."""
-        return [(path.name, read_image(path, self.width, self.height)) for path in self.lens_paths]
+        return [(path.name, read_image(path, self.width, self.height, colour=True))
+                for path in self.lens_paths]
 
     def plane_images(self) -> list:
         """Names, distances in mm and pixels of the plane frames."""

@@ -1,4 +1,4 @@
-"""Images of a sensor: 8-bit grey, whole and of its size, or refused in one sentence."""
+"""Images of a sensor: 8 bits, whole and of its size, or refused in one sentence."""
 
 import io
 import os
@@ -44,8 +44,8 @@ def _header(path, data):
                         ) from error
 
 
-def _check_kind(path, image, several):
-    """Refuse all but 8-bit grey."""
+def _check_kind(path, image, several, colour):
+    """Refuse all but 8-bit grey, and 8-bit colour unless ``colour``."""
     grey = "save it as 8-bit grey"
     if several:
         raise UserError(f"{path} holds several images: save each as a file of its own.")
@@ -56,7 +56,7 @@ def _check_kind(path, image, several):
         raise UserError(f"{path} has 1 bit per pixel: {grey}.")
     if image.mode in ("LA", "La", "RGBA", "RGBa", "PA") or "transparency" in image.info:
         raise UserError(f"{path} has transparent pixels: {grey}, without transparency.")
-    if image.mode != "L":
+    if image.mode != "L" and not (colour and image.mode in ("RGB", "P")):
         raise UserError(f"{path} is a colour image: {grey}.")
 
 
@@ -85,12 +85,12 @@ def _pixels(path, data, image):
             return simplejpeg.decode_jpeg(data, colorspace="GRAY")[:, :, 0]
         if image.format == "TIFF":
             with _silent():  # libtiff prints
-                return np.array(image)
+                return np.array(image.convert("L"))
         if image.format == "PNG":
             if _PNG_END not in data:
                 raise ValueError("no end")
             Image.open(io.BytesIO(data), formats=("PNG",)).verify()  # all check sums
-        return np.array(image)
+        return np.array(image.convert("L"))
     except Exception as error:  # Pillow's readers raise whatever hostile data lead to
         raise UserError(f"{path} is truncated or damaged: {_AGAIN}.") from error
 
@@ -105,8 +105,8 @@ def image_size(path):
         return None
 
 
-def read_image(path, width=None, height=None) -> np.ndarray:
-    """An 8-bit grey image of the sensor's size, as a 2-D ``uint8`` array.
+def read_image(path, width=None, height=None, colour=False) -> np.ndarray:
+    """An 8-bit image of the sensor's size in grey, as a 2-D ``uint8`` array.
 
     Raises :class:`model.errors.UserError` if the file is missing, empty, truncated, damaged or
     unreadable, no regular file, in colour, of another depth than 8 bits, or of another size.
@@ -117,6 +117,8 @@ def read_image(path, width=None, height=None) -> np.ndarray:
         PNG, JPEG, BMP, TIFF or PGM, whatever the name's ending.
     width, height : :class:`int` or None
         The size it must have; any up to :data:`LARGEST` if None.
+    colour : :class:`bool`
+        Whether colours are taken, as their luma (ITU-R BT.601), instead of refused.
     """
     path = Path(path)
     data = read_octets(path, "name an 8-bit grey image", _MOST)
@@ -133,5 +135,5 @@ def read_image(path, width=None, height=None) -> np.ndarray:
         if not (0 < size[0] <= LARGEST and 0 < size[1] <= LARGEST):
             raise UserError(f"{path} has {size[0]} x {size[1]} pixels: a sensor has at most "
                             f"{LARGEST} x {LARGEST}.")
-        _check_kind(path, image, several)
+        _check_kind(path, image, several, colour)
         return _pixels(path, data, image)

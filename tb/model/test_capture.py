@@ -57,6 +57,19 @@ def test_bad_images_are_refused_in_one_sentence(kind, tmp_path):
     assert message.endswith(".") and "\n" not in message
 
 
+@pytest.mark.parametrize("suffix", [".png", ".bmp", ".jpg", ".tiff"])
+def test_photographs_of_the_board_may_be_in_colour(suffix, tmp_path):
+    """Their luma is taken; frames to measure are refused."""
+    colours = cv2.merge([GREY, cv2.flip(GREY, 0), cv2.flip(GREY, 1)])
+    path = tmp_path / f"board{suffix}"
+    cv2.imwrite(str(path), colours)
+    luma = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)
+    wrong = np.abs(read_image(path, 64, 48, colour=True).astype(int) - luma)
+    assert wrong.mean() < 2 if suffix == ".jpg" else wrong.max() <= 1
+    with pytest.raises(UserError, match="is a colour image"):
+        read_image(path, 64, 48)
+
+
 @pytest.mark.parametrize("suffix", [".png", ".bmp", ".pgm", ".tiff"])
 def test_good_images_are_read_exactly(suffix, tmp_path):
     path = tmp_path / f"picture{suffix}"

@@ -40,7 +40,7 @@ class Options:
     Parameters
     ----------
     settings : :class:`model.settings.Settings`
-        Threshold, erosion, weighting and area limits; its tables are replaced.
+        Levels, weighting and area limits; its tables are replaced.
     depth_min, depth_max : :class:`float` or None
         Depth range in mm; that of the plane frames if None.
     remapped : :class:`bool`

@@ -8,7 +8,7 @@ from calibration.lens import Lens
 from calibration.projector import Projector
 from calibration.radial import MODELS
 from calibration.remap import remap_table
-from hdl.protocol import TABLES, registers
+from hdl.protocol import MEAN_WINDOW_PIXELS, TABLES, registers
 from model.preprocessing.remap import pack_remap
 from model.settings import EROSION_MODES, Settings
 
@@ -83,13 +83,17 @@ def _settings(content, beams, lens):
             register.low, 2 * half - 1)
     words = {table.name: table for table in TABLES}
     level = section.value("level_fixed")
+    mean_window = section.integer("mean_window", *MEAN_WINDOW_PIXELS)
+    if mean_window % 2 == 0:
+        section.refuse("mean_window", "an odd number of pixels")
     settings = Settings(
+        mean_window=mean_window,
         level_fixed=None if level is None else section.integer("level_fixed", 1, 255),
         erosion=section.choice("erosion", EROSION_MODES),
         weighted=section.flag("weighted"), report_rejected=section.flag("report_rejected"),
         **{name: section.integer(name, *limits[name]) for name in (
-            "threshold_alpha", "area_min", "area_max", "principal_u", "principal_v",
-            "tangential_1", "tangential_2")},
+            "fixed_noise", "lit_gain", "core_gain", "dent_gain", "threshold_alpha", "area_min",
+            "area_max", "principal_u", "principal_v", "tangential_1", "tangential_2")},
         **{name: section.words(name, words[name].words, words[name].bits)
            for name in ("radial", "reciprocal")},
         line=section.words("line", beams, 36), window=section.words("window", beams, 36),

@@ -47,8 +47,9 @@ class PlaneSpots:
         Centres in image coordinates and undistorted, px.
     area : array of :class:`int`
         Areas in pixels.
-    level : :class:`int`
-        Threshold used.
+    level : :class:`float`
+        Grey values from which on a pixel was lit: above the local mean, or in the preset ``paper``
+        above 0.
     """
 
     name: str
@@ -58,7 +59,7 @@ class PlaneSpots:
     x: np.ndarray
     y: np.ndarray
     area: np.ndarray
-    level: int = 0
+    level: float = 0
 
 
 @dataclass(frozen=True)

@@ -5,20 +5,59 @@ import numpy as np
 from calibration.identity import PlaneSpots
 from model import paper
 from model.preprocessing.centre import centres
-from model.preprocessing.front_chain import find_spots, measure_level
+from model.preprocessing.front_chain import (
+    find_corrected_spots,
+    find_spots,
+    learn_noise,
+    lit_level,
+    measure_level,
+)
 
-__all__ = ["plane_spots"]
+__all__ = ["image_spots", "plane_spots"]
 
 #: Image coordinates have 9 bits behind the binary point.
 _LSB_PX = 1 / 512
 
 
+def image_spots(image, settings):
+    """Spots of one image as the chip measures them, and the level that it takes for them.
+
+    Noise or threshold are measured on the image itself, as if it came twice. With a remap table in
+    ``settings`` the chip is the preset ``paper``, and the spots are those of the corrected image.
+
+    Parameters
+    ----------
+    image : array (height, width) of uint8
+        Grey values; in the preset ``capsule`` no side shorter than ``settings.mean_window``.
+    settings : :class:`model.settings.Settings`
+        Levels, weighting, area limits and the reciprocal table.
+
+    Returns
+    -------
+    spots : array of :data:`model.preprocessing.spot_queue.QUEUED_DTYPE`
+        Rejected ones among them only if ``settings.report_rejected``.
+    u, v : arrays of :class:`float`
+        Centres in pixels.
+    level : :class:`float`
+        Grey values from which on a pixel is lit: above the local mean, or in the preset ``paper``
+        above 0.
+    """
+    if settings.remap:
+        level = settings.level_fixed or measure_level(image, settings)
+        spots, _ = find_corrected_spots(image, level, settings, paper.LABELS)
+    else:
+        noise = settings.fixed_noise or learn_noise(image, settings)
+        level = lit_level(noise, settings) / 16
+        spots, _, _ = find_spots(image, noise, settings)
+    u, v = (np.asarray(axis, float) * _LSB_PX for axis in centres(spots, settings.reciprocal))
+    return spots, u, v, level
+
+
 def plane_spots(name, z_mm, image, settings, lens):
     """Spots of one plane frame.
 
-    The threshold is measured on the frame itself, as if the frame came twice; the centres are the
-    chip's, undistorted in float; with a remap table in ``settings``, they are those of the
-    corrected image, as the preset ``paper`` has them.
+    As :func:`image_spots` finds them, without those that are rejected. The centres are undistorted
+    in float; with a remap table in ``settings``, they are those of the corrected image.
 
     Parameters
     ----------
@@ -29,7 +68,7 @@ def plane_spots(name, z_mm, image, settings, lens):
     image : array (height, width) of uint8
         Grey values.
     settings : :class:`model.settings.Settings`
-        Threshold, erosion, weighting, area limits and the reciprocal table.
+        Levels, weighting, area limits and the reciprocal table.
     lens : :class:`calibration.lens.Lens`
         Undistorts the centres.
 
@@ -37,14 +76,10 @@ def plane_spots(name, z_mm, image, settings, lens):
     -------
     :class:`calibration.identity.PlaneSpots`
     """
-    corrected = bool(settings.remap)
-    level = settings.level_fixed
-    if level is None:
-        level = measure_level(image, settings, whole=corrected)
-    spots, _ = find_spots(image, level, settings, paper.LABELS if corrected else None)
-    spots = spots[spots["rejected"] == 0]
-    u, v = (np.asarray(axis, float) * _LSB_PX for axis in centres(spots, settings.reciprocal))
-    if corrected:
+    spots, u, v, level = image_spots(image, settings)
+    kept = ~spots["rejected"]
+    spots, u, v = spots[kept], u[kept], v[kept]
+    if settings.remap:
         x, y = (axis - middle for axis, middle in zip((u, v), lens.centre, strict=True))
         u, v = lens.distort(x, y)
     else:

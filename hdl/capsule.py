@@ -23,7 +23,7 @@ class Capsule(wiring.Component):
     Three parts: :class:`.acquisition.front_end.FrontEnd`, :class:`.capsule_points.CapsulePoints`
     and :class:`.link.point_link.PointLink`.
 
-    Pixels come every clock, spots rarely. What works on spots and on the threshold is in a clock
+    Pixels come every clock, spots rarely. What works on spots is in a clock
     domain of its own, ``spot``, which is ``sync`` unless ``clock_gated``: then its clock is a port,
     and may stand still in every clock in which ``busy`` is low, without any difference to what
     comes out. On a device with clock gates that saves power; in a simulation, time.
@@ -123,9 +123,8 @@ class Capsule(wiring.Component):
         connect(m, points.o, link.i)
         connect(m, points.counts, link.counts)
         connect(m, points.frames, link.frames)
+        connect(m, points.detections, link.detections)
         m.d.comb += [
-            front_end.level.eq(points.level),
-            front_end.threshold_valid.eq(points.threshold_valid),
             link.bad_sync.eq(front_end.bad_sync),
             link.overrun.eq(front_end.overrun),
             link.active.eq(points.active),

@@ -1,19 +1,18 @@
-"""Pattern frames to points in one pass: the threshold is learnt on the frame before."""
+"""Pattern frames to points in one pass: the levels are learnt on the frame before."""
 
-from amaranth.hdl import DomainRenamer, Module, Shape, Signal
+from amaranth.hdl import DomainRenamer, Module, Mux, Shape, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.fifo import SyncFIFO
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .common.activity import Activity
 from .config import FRAMES_IN_FLIGHT, check_config
-from .payloads import Counts, FrameInfo, GreyPixel, Point
+from .payloads import Counts, Detection, FrameInfo, GreyPixel, Point
 from .ports import TABLE_PORT, connect_ports, register_ports, sample_registers
-from .preprocessing.binarise import Binarise
-from .preprocessing.erosion import Erosion
-from .preprocessing.histogram import Histogram
+from .preprocessing.background import Background
+from .preprocessing.hysteresis import Hysteresis
 from .preprocessing.labelling import Labelling
-from .preprocessing.threshold import Threshold
+from .preprocessing.noise import Noise
 from .reconstruction import Reconstruction
 
 __all__ = ["CapsulePoints"]
@@ -22,13 +21,15 @@ __all__ = ["CapsulePoints"]
 class CapsulePoints(wiring.Component):
     """Measures pattern frames as they pass, one pixel a clock, without a frame store.
 
-    A frame is compared with the level learnt on the frame before, while its own histogram grows.
-    The mask is eroded, labelled as it streams, and the spots are measured. Points of up to four
-    frames may be on their way; while there are so many, ``info`` is not ready.
+    Each pixel is compared with the mean of the window around it. Pixels that lie above it by a
+    multiple of the noise of the frame before are lit, while this frame's own noise is learnt.
+    Components of lit pixels are found as they stream; those that have a core are spots, and are
+    measured. Points of up to four frames may be on their way; while there are so many, ``info`` is
+    not ready.
 
-    The threshold and everything behind labelling are in the domain ``spot``. Its clock may stand
-    still when ``active`` has been low for :data:`hdl.common.activity.IDLE_TIMEOUT` clocks, and must
-    run again in the clock in which it rises.
+    Everything behind labelling is in the domain ``spot``. Its clock may stand still when ``active``
+    has been low for :data:`hdl.common.activity.IDLE_TIMEOUT` clocks, and must run again in the
+    clock in which it rises.
 
     Parameters
     ----------
@@ -41,14 +42,14 @@ class CapsulePoints(wiring.Component):
         Pattern frames.
     info : :py:`In(stream.Signature(FrameInfo))`
         Announcement of a frame, with its first pixel. Ready indicates that it may begin.
-    level, threshold_valid : :py:`Out(8)`, :py:`Out(1)`
-        Threshold for the next frame; whether one is known.
     o : :py:`Out(stream.Signature(Point))`
         Points and end markers.
     counts : :py:`Out(stream.Signature(Counts))`
         One for each frame.
     frames : :py:`Out(stream.Signature(FrameInfo))`
         Announcements of frames, for the link.
+    detections : :py:`Out(stream.Signature(Detection))`
+        How the spots of each frame were detected; there before the frame's end marker is.
     idle : :py:`Out(1)`
         No frame passes, and no spot is on its way.
     active : :py:`Out(1)`
@@ -64,11 +65,8 @@ class CapsulePoints(wiring.Component):
         Members for the registers that are used.
     """
 
-    _pixel_registers = register_ports("erosion_mode", "weighted")
-    _spot_registers = {
-        **register_ports("threshold_alpha", "threshold_fixed", "threshold_level"),
-        **Reconstruction.registers,
-    }
+    _pixel_registers = register_ports(*Noise.registers, "weighted")
+    _spot_registers = Reconstruction.registers
     registers = {**_pixel_registers, **_spot_registers}
 
     def __init__(self, config):
@@ -77,11 +75,10 @@ class CapsulePoints(wiring.Component):
         super().__init__({
             "i": In(stream.Signature(GreyPixel)),
             "info": In(stream.Signature(FrameInfo)),
-            "level": Out(8),
-            "threshold_valid": Out(1),
             "o": Out(stream.Signature(Point)),
             "counts": Out(stream.Signature(Counts)),
             "frames": Out(stream.Signature(FrameInfo)),
+            "detections": Out(stream.Signature(Detection)),
             "idle": Out(1),
             "active": Out(1),
             **self.registers,
@@ -91,7 +88,6 @@ class CapsulePoints(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config = self.config
-        size = {"width": config.width, "height": config.height}
         spot_side = DomainRenamer("spot")
         register = sample_registers(m, self, dict.fromkeys(self._spot_registers, "spot"))
 
@@ -100,61 +96,76 @@ class CapsulePoints(wiring.Component):
         connect(m, flipped(self.info), frame_info.w_stream)
         connect(m, frame_info.r_stream, flipped(self.frames))
 
-        # The threshold. The histogram only watches the pixels pass.
-        m.submodules.histogram = histogram = Histogram(**size)
-        m.submodules.threshold = threshold = spot_side(Threshold(**size))
-        m.d.comb += [
-            histogram.i.valid.eq(self.i.valid & self.i.ready),
-            histogram.i.payload.eq(self.i.payload),
-            histogram.address.eq(threshold.address),
-            *(getattr(threshold, name).eq(getattr(histogram, name))
-              for name in ("closed", "done", "lost", "count")),
-            threshold.threshold_alpha.eq(register["threshold_alpha"]),
-            threshold.fixed.eq(register["threshold_fixed"]),
-            threshold.fixed_level.eq(register["threshold_level"]),
-            self.level.eq(threshold.level),
-            self.threshold_valid.eq(threshold.threshold_valid),
-        ]
-
         # Pixels to spots, spots to points.
-        m.submodules.binarise = binarise = Binarise(8)
-        m.submodules.erosion = erosion = Erosion(config.width)
-        m.submodules.labelling = labelling = Labelling(**size)
+        background, noise = self._find(m, register)
+        m.submodules.hysteresis = hysteresis = Hysteresis()
+        m.submodules.labelling = labelling = Labelling(config.width, config.height)
         m.submodules.reconstruction = reconstruction = spot_side(Reconstruction(config))
-        connect(m, flipped(self.i), binarise.i)
-        connect(m, binarise.o, erosion.i)
-        connect(m, erosion.o, labelling.i)
-        connect(m, labelling.o, reconstruction.i)
+        connect(m, background.o, hysteresis.i)
+        connect(m, hysteresis.o, labelling.i)
         connect(m, reconstruction.o, flipped(self.o))
         connect(m, reconstruction.counts, flipped(self.counts))
         connect_ports(m, TABLE_PORT, self, reconstruction)
+        # Components without a core are noise, and too many to be counted.
+        is_spot = Signal()
         m.d.comb += [
-            binarise.level.eq(threshold.level),
-            binarise.enable.eq(threshold.threshold_valid),
-            erosion.mode.eq(register["erosion_mode"]),
+            is_spot.eq(labelling.o.p.core | labelling.o.p.end),
+            reconstruction.i.valid.eq(labelling.o.valid & is_spot),
+            reconstruction.i.payload.eq(labelling.o.payload),
+            labelling.o.ready.eq(reconstruction.i.ready | ~is_spot),
+            hysteresis.lit.eq(noise.lit),
+            hysteresis.core.eq(noise.core),
+            hysteresis.enable.eq(noise.valid),
             labelling.weighted.eq(register["weighted"]),
             *(getattr(reconstruction, name).eq(register[name])
               for name in reconstruction.registers),
         ]
-
-        # A level is being computed from the histogram's closing until it is done or lost.
-        level_pending = Signal()
-        with m.If(histogram.closed | histogram.done | histogram.lost):
-            m.d.sync += level_pending.eq(histogram.closed)
+        detected = self._detections(m, background, noise)
         m.d.comb += self.active.eq(
-            reconstruction.active | self.table_write | self.table_read | self.info.valid
-            | histogram.closed | level_pending | histogram.done | histogram.lost)
+            reconstruction.active | self.table_write | self.table_read | self.info.valid | detected)
 
-        # Spots are on their way from a frame's first pixel until nothing was active for so long
-        # that none can be left.
-        frame_passing = Signal()
-        with m.If(self.info.valid & self.info.ready):
-            m.d.sync += frame_passing.eq(1)
-        with m.Elif(histogram.done | histogram.lost):
-            m.d.sync += frame_passing.eq(0)
+        # A frame passes from its first pixel until labelling has sent its end marker; then spots
+        # are on their way until nothing was active for so long that none can be left.
+        passing = Signal(range(FRAMES_IN_FLIGHT + 1))
+        m.d.sync += passing.eq(
+            passing + (self.info.valid & self.info.ready)
+            - (labelling.o.valid & labelling.o.ready & labelling.o.p.end))
         m.submodules.activity = activity = Activity()
         m.d.comb += [
-            activity.active.eq(reconstruction.active | frame_passing),
+            activity.active.eq(reconstruction.active | passing.any()),
             self.idle.eq(~activity.busy),
         ]
         return m
+
+    def _find(self, m, register):
+        """Contrasts of pixels, and the levels that they are compared with."""
+        config = self.config
+        m.submodules.background = background = Background(config.width, config.mean_window)
+        m.submodules.noise = noise = Noise(config.width, config.height)
+        connect(m, flipped(self.i), background.i)
+        m.d.comb += [
+            noise.i.valid.eq(background.o.valid & background.o.ready),
+            noise.i.payload.eq(background.o.payload),
+            background.dent.eq(noise.dent),
+            *(getattr(noise, name).eq(register[name]) for name in noise.registers),
+        ]
+        return background, noise
+
+    def _detections(self, m, background, noise):
+        """One for each frame, with its last contrast; high when one is stored."""
+        m.submodules.detection_fifo = stored = DomainRenamer("spot")(SyncFIFO(
+            width=Shape.cast(Detection).width, depth=FRAMES_IN_FLIGHT))
+        connect(m, stored.r_stream, flipped(self.detections))
+        detection = Signal(Detection)
+        pixel, saturated = background.o.p, Signal(Detection.as_shape()["saturated"].shape)
+        m.d.comb += [
+            stored.w_en.eq(noise.i.valid & pixel.marker.frame_end),
+            stored.w_data.eq(detection),
+            detection.learning.eq(~noise.valid),
+            detection.level.eq(noise.lit),
+            detection.noise.eq(noise.noise),
+            detection.saturated.eq(saturated + pixel.saturated),
+        ]
+        with m.If(noise.i.valid):
+            m.d.sync += saturated.eq(Mux(pixel.marker.frame_end, 0, detection.saturated))
+        return stored.w_en

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from .protocol import MOST_BEAMS, PRESET_NAMES, SENSOR_PIXELS
+from .protocol import MEAN_WINDOW_PIXELS, MOST_BEAMS, PRESET_NAMES, SENSOR_PIXELS
 
 __all__ = ["Config", "FRAMES_IN_FLIGHT", "FRAME_US", "PRESETS", "check_config"]
 
@@ -33,6 +33,9 @@ class Config:
         Epipolar lines that are compared at a time (P), 1 to ``beams``.
     spot_depth : :class:`int`
         Spots that may wait for the stereo unit.
+    mean_window : :class:`int`
+        Side of the window of the local mean in pixels, odd, 5 to 21; the sensor must be at least
+        twice as wide, and as high. Not used by the preset ``paper``.
     labels : :class:`int`
         Provisional labels of the two-pass labelling, best one less than a power of two; not used
         by the preset ``capsule``.
@@ -58,6 +61,7 @@ class Config:
     beams: int = 49
     lanes: int = 2
     spot_depth: int = 64
+    mean_window: int = 9
     labels: int = 1023
     converter_latency: int | None = None
     converter_interval: int = 2
@@ -69,8 +73,9 @@ class Config:
         for name, low, high in [
             ("width", *SENSOR_PIXELS), ("height", *SENSOR_PIXELS), ("beams", 1, MOST_BEAMS),
             ("lanes", 1, self.beams),
-            ("spot_depth", 8, 512), ("labels", 1, 32767), ("clock_hz", 1_000_000, 65_000_000),
-            ("baud", 1200, self.clock_hz // 2), ("converter_interval", 2, 64),
+            ("mean_window", *MEAN_WINDOW_PIXELS), ("spot_depth", 8, 512), ("labels", 1, 32767),
+            ("clock_hz", 1_000_000, 65_000_000), ("baud", 1200, self.clock_hz // 2),
+            ("converter_interval", 2, 64),
             *([] if self.converter_latency is None else [("converter_latency", 1, 64)]),
         ]:
             value = getattr(self, name)
@@ -84,6 +89,14 @@ class Config:
                     f"{self.width} x {self.height} pixels of {self.converter_interval} clocks each "
                     f"take {read_us:.0f} us to read, and a frame may take {FRAME_US - 1000} us: "
                     "make converter_interval less or clock_hz more")
+        if self.mean_window % 2 == 0:
+            raise ValueError(f"mean_window must be odd, not {self.mean_window}")
+        if self.preset == "capsule" and (
+                self.width < 2 * self.mean_window or self.height < self.mean_window):
+            raise ValueError(
+                f"A mean_window of {self.mean_window} needs a sensor of at least "
+                f"{2 * self.mean_window} x {self.mean_window} pixels, not "
+                f"{self.width} x {self.height}")
         if self.clock_hz % 1_000_000:
             raise ValueError(f"clock_hz must be a multiple of 1 MHz, not {self.clock_hz}")
 

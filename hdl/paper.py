@@ -129,8 +129,8 @@ class Paper(wiring.Component):
         connect(m, points.o, link.i)
         connect(m, points.counts, link.counts)
         connect(m, points.frames, link.frames)
+        connect(m, points.detections, link.detections)
         m.d.comb += [
-            front_end.threshold_valid.eq(1),
             link.bad_sync.eq(front_end.bad_sync),
             link.overrun.eq(front_end.overrun),
             link.active.eq(points.active),

@@ -7,7 +7,16 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .acquisition.image_bank import ImageBank
 from .config import FRAMES_IN_FLIGHT, check_config
-from .payloads import Counts, FrameInfo, GreyPixel, MemoryCommand, Point, StoredFrame
+from .payloads import (
+    CONTRAST_FRACTION_BITS,
+    Counts,
+    Detection,
+    FrameInfo,
+    GreyPixel,
+    MemoryCommand,
+    Point,
+    StoredFrame,
+)
 from .ports import TABLE_PORT, connect_ports, register_ports, sample_registers
 from .preprocessing.binarise import Binarise
 from .preprocessing.erosion import Erosion
@@ -71,7 +80,9 @@ class PaperPoints(wiring.Component):
     number : :py:`Out(16)`
         Number of the frame whose points are coming, end marker included.
     frames : :py:`Out(stream.Signature(FrameInfo))`
-        Announcement of a frame, with its own threshold.
+        Announcement of a frame.
+    detections : :py:`Out(stream.Signature(Detection))`
+        One for each frame, with its own threshold as the level.
     corrected, corrected_info : :py:`Out(stream.Signature(GreyPixel, always_ready=True))`, \
     :py:`Out(StoredFrame)`
         The corrected image as it passes, for a display, and its number with its first pixel.
@@ -107,6 +118,7 @@ class PaperPoints(wiring.Component):
             "counts": Out(stream.Signature(Counts)),
             "number": Out(16),
             "frames": Out(stream.Signature(FrameInfo)),
+            "detections": Out(stream.Signature(Detection)),
             "corrected": Out(stream.Signature(GreyPixel, always_ready=True)),
             "corrected_info": Out(StoredFrame),
             "idle": Out(1),
@@ -161,7 +173,9 @@ class PaperPoints(wiring.Component):
             width=Shape.cast(FrameInfo).width, depth=FRAMES_IN_FLIGHT))
         connect(m, flipped(self.i), bank.i)
         connect(m, frame_info.r_stream, flipped(self.frames))
-        threshold_valid, announced = Signal(), Signal(FrameInfo)
+        m.submodules.levels = levels = DomainRenamer("spot")(SyncFIFO(
+            width=8, depth=FRAMES_IN_FLIGHT))
+        threshold_valid = Signal()
         m.d.comb += [
             histogram.i.valid.eq(self.i.valid),
             histogram.i.payload.eq(self.i.payload),
@@ -177,11 +191,13 @@ class PaperPoints(wiring.Component):
             self.info.ready.eq(bank.free & histogram.clean & frame_info.w_rdy
                                & (frames < FRAMES_IN_FLIGHT)),
             announce.eq(announce_pending & bank.stored.valid & (bank.stored.p | threshold_valid)),
-            announced.eq(stored_info),
-            announced.level.eq(threshold.level),
-            announced.learning.eq(0),
             frame_info.w_en.eq(announce),
-            frame_info.w_data.eq(announced),
+            frame_info.w_data.eq(stored_info),
+            levels.w_en.eq(announce),
+            levels.w_data.eq(threshold.level),
+            self.detections.valid.eq(levels.r_rdy),
+            self.detections.p.level.eq(levels.r_data << CONTRAST_FRACTION_BITS),
+            levels.r_en.eq(self.detections.ready),
         ]
         with m.If(self.info.valid & self.info.ready):
             m.d.sync += [

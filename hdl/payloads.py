@@ -9,16 +9,20 @@ from amaranth.hdl import signed, unsigned
 from amaranth.lib import data, enum
 
 __all__ = [
-    "FRACTION_BITS", "COORDINATE_BITS", "AREA_LIMIT", "Marker", "GreyPixel", "MaskPixel", "Spot",
-    "QueuedSpot", "Counts", "Centre", "Undistorted", "Status", "Match", "Point", "FrameInfo",
-    "FrameTag", "PacketOctet", "MemoryCommand",
-    "StoredFrame", "OverlaySpot",
+    "FRACTION_BITS", "COORDINATE_BITS", "AREA_LIMIT", "CONTRAST_FRACTION_BITS", "NOISE_BITS",
+    "Marker", "GreyPixel", "ContrastPixel", "MaskPixel", "Spot", "QueuedSpot", "Counts", "Centre",
+    "Undistorted", "Status", "Match", "Point", "FrameInfo", "Detection", "FrameTag", "PacketOctet",
+    "MemoryCommand", "StoredFrame", "OverlaySpot",
 ]
 
 #: Bits behind the binary point of a coordinate in pixels.
 FRACTION_BITS = 9
 #: Bits of a coordinate: unsigned Q9.9 in the image, signed about its centre once undistorted.
 COORDINATE_BITS = 18
+#: Bits behind the binary point of a pixel's contrast in grey values.
+CONTRAST_FRACTION_BITS = 4
+#: Bits of a frame's noise, in eighths of a grey value.
+NOISE_BITS = 9
 #: An area counter stops here: the component has more pixels than any spot may have.
 AREA_LIMIT = 256
 
@@ -45,11 +49,27 @@ class GreyPixel(data.Struct):
     marker: Marker
 
 
-class MaskPixel(data.Struct):
-    """A pixel after the threshold.
+class ContrastPixel(data.Struct):
+    """A pixel against its surroundings, signed Q8.4.
 
-    ``excess`` is the grey value above the level, zero where the pixel is dark. ``core`` tells that
-    the pixel survives the erosion.
+    ``difference`` is the grey value less the local mean, ``smooth`` that of the smoothed image. A
+    ``dent`` parts two spots. ``border`` pixels stand in the outermost rows and columns.
+    ``saturated`` ones have the largest grey value.
+    """
+
+    difference: signed(9 + CONTRAST_FRACTION_BITS)
+    smooth: signed(9 + CONTRAST_FRACTION_BITS)
+    dent: 1
+    border: 1
+    saturated: 1
+    marker: Marker
+
+
+class MaskPixel(data.Struct):
+    """A pixel that is lit or dark.
+
+    ``excess`` is the grey value above the level, zero where the pixel is dark. A component without
+    any ``core`` pixel is no spot.
     """
 
     lit: 1
@@ -171,12 +191,24 @@ class FrameInfo(data.Struct):
     """
 
     number: 16
-    level: 8
-    learning: 1
     skipped: 8
     tag: FrameTag
     tripped: 1
     tables_valid: 1
+
+
+class Detection(data.Struct):
+    """How a frame's spots were told from its background, known when its last pixel has passed.
+
+    ``learning`` tells that there was no level yet. ``level`` is the one from which on pixels were
+    lit, unsigned Q8.4, ``noise`` what it is a multiple of, in eighths of a grey value.
+    ``saturated`` counts pixels of the largest grey value.
+    """
+
+    learning: 1
+    level: 8 + CONTRAST_FRACTION_BITS
+    noise: NOISE_BITS
+    saturated: 19
 
 
 class PacketOctet(data.Struct):

@@ -15,17 +15,19 @@ __all__ = [
     "CONTENT_LIMIT", "COMPACT", "PacketKind", "Flag", "Command", "Reason", "Mode", "Register",
     "Field", "Table", "TABLES", "REMAP", "TRAILER_FIELDS", "TEXTURE_FIELDS", "IDENTITY_FIELDS",
     "STATUS_FIELDS", "GUARD_CAUSES", "GUARD_LIMITS_US", "DISPLAY_FAULTS", "SENSOR_PIXELS",
-    "MOST_BEAMS", "registers", "tables",
+    "MEAN_WINDOW_PIXELS", "MOST_BEAMS", "registers", "tables",
 ]
 
 #: The two designs, in the order of their codes in the reply to IDENTIFY.
 PRESET_NAMES = ("capsule", "paper")
 #: Least and largest width and height of a sensor.
 SENSOR_PIXELS = (16, 512)
+#: Least and largest side of the window of the local mean; it is odd.
+MEAN_WINDOW_PIXELS = (5, 21)
 #: Beams of the largest mesh.
 MOST_BEAMS = 128
 #: Version of packets and commands.
-PROTOCOL_VERSION = 3
+PROTOCOL_VERSION = 4
 #: Version of the formats of the tables; the calibration file's own number follows it.
 TABLE_VERSION = 1
 #: Octets of a packet on the wire, both delimiters included: the payload of one 802.15.4 frame.
@@ -81,7 +83,7 @@ class Flag(IntEnum):
     """Bits of the octet ``flags``."""
 
     WIDE = 0  # the counts have 16 bits each
-    LEARNING = 1  # no threshold was known yet, so no points
+    LEARNING = 1  # no level was known yet, so no points
     BROKEN = 2  # the frame lost synchronism
     LASER = 3  # the laser was on during the exposure
     CAPTURE = 4  # taken in calibration capture
@@ -94,18 +96,22 @@ class Flag(IntEnum):
 #: counts have 16 bits if its WIDE bit is set.
 TRAILER_FIELDS = (
     Field("number", 16, "frame number; pattern and texture frames count together"),
-    Field("level", 8, "threshold that was used"),
+    Field("level", 16, "level from which on pixels were lit, unsigned Q8.4: above the local mean, "
+                       "or in the preset `paper` above 0"),
+    Field("grey_noise", 16, "noise that the level is a multiple of, in eighths of a grey value; 0 "
+                            "in the preset `paper`"),
+    Field("saturated", 24, "pixels of grey value 255; 0 in the preset `paper`"),
     Field("skipped", 8, "frames skipped before this one because a buffer was full, at most 255"),
     Field("exposure_us", 16, "integration time, microseconds"),
     Field("timestamp_us", 24, "start of the integration, microseconds, modulo 2^24"),
     Field("check", 16, "CRC-16/IBM-SDLC over beam (7 bits) and 1/z (18 bits) of every ok point, in "
                        "their order, low bits first, without padding"),
-    Field("spots", 8, "connected components"),
+    Field("spots", 8, "connected components; in preset `capsule` those with a core"),
     Field("ok", 8, "points with a beam and a depth"),
     Field("noise", 8, "spots on no line"),
     Field("ambiguous", 8, "spots on several lines"),
-    Field("rejected", 8, "outside the limits of area, window, coordinates or depth, or failed "
-                         "erosion"),
+    Field("rejected", 8, "outside the limits of area, window, coordinates or depth; in "
+                         "preset `paper` also without a core"),
     Field("dropped", 8, "spots lost because a queue was full"),
     Field("unlisted", 8, "noise, ambiguous and rejected spots that are in no packet"),
     Field("flags", 8, "see Flag"),
@@ -196,13 +202,15 @@ def registers(clock_hz=16_000_000, baud=115_200):
         Register(0x05, "texture_us", 16, 10_000, "integration of the texture, laser off", low=1),
         Register(0x06, "pattern_as_texture", 1, 0,
                  "in mode 3, send pattern frames as texture frames, without points"),
-        Register(0x10, "threshold_fixed", 1, 0, "use `threshold_level` instead of the learnt one"),
+        Register(0x10, "threshold_fixed", 1, 0, "use `threshold_level` instead of the learnt one; "
+                 "this and the next three in preset `paper` only"),
         Register(0x11, "threshold_level", 8, 0, "fixed threshold"),
         Register(0x12, "threshold_alpha", 8, 5 << 4,
                  "T = mean + threshold_alpha sigma, unsigned Q4.4"),
         Register(0x13, "erosion_mode", 2, 2, "0 off, 1 erode, 2 gate", high=2),
-        Register(0x14, "weighted", 1, 1, "weigh pixels by grey - level + 1"),
-        Register(0x15, "area_min", 8, 3, "smallest area of a spot in pixels", low=1),
+        Register(0x14, "weighted", 1, 1, "weigh pixels by what they exceed the lit level by, plus "
+                 "1; preset `capsule` only"),
+        Register(0x15, "area_min", 8, 2, "smallest area of a spot in pixels", low=1),
         Register(0x16, "area_max", 8, 255, "largest area of a spot in pixels", low=1),
         Register(0x17, "report_rejected", 1, 0, "send rejected spots too, while the queue is less "
                  "than half full"),
@@ -210,6 +218,12 @@ def registers(clock_hz=16_000_000, baud=115_200):
         Register(0x19, "principal_v", 18, 0, "principal point, unsigned Q9.9 pixels"),
         Register(0x1A, "tangential_1", 18, 0, "p1 over the focal length, times 2^27", signed=True),
         Register(0x1B, "tangential_2", 18, 0, "p2 over the focal length, times 2^27", signed=True),
+        Register(0x1C, "fixed_noise", 9, 0, "noise in eighths of a grey value instead of the "
+                 "learnt one; 0 to learn it; this and the next three in preset `capsule` only"),
+        Register(0x1D, "lit_gain", 6, 18, "lit level as a multiple of the noise, unsigned Q2.4",
+                 low=1),
+        Register(0x1E, "core_gain", 6, 40, "core level, likewise", low=1),
+        Register(0x1F, "dent_gain", 6, 4, "depth of a dent, likewise; 0 for no dents"),
         Register(0x20, "divisor", 16, divisor, "clocks per bit of the serial line", low=2,
                  only_stopped=True),
         Register(0x21, "full_records", 1, 0, "send points as records of 9 octets with beam and "

@@ -1,10 +1,12 @@
 """The golden model of the whole chip: frames in, points and counts out, bit for bit."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from model.link.point_limiter import limit_points
 from model.link.points import PatternFrame
-from model.preprocessing.front_chain import find_spots, measure_level
+from model.preprocessing.front_chain import find_spots, learn_noise, lit_level
 from model.reconstruction import reconstruct
 
 __all__ = ["Capsule", "checked"]
@@ -22,7 +24,7 @@ def checked(image, width, height):
 class Capsule:
     """Frames in their order, each to what the chip would send of it.
 
-    The only state between frames is the threshold, measured on the frame before, and the frame's
+    The only state between frames is the noise, learnt on the frame before, and the frame's
     number. Queues never overflow: if the chip's buffer is full and it drops spots, its points are a
     part of these.
 
@@ -40,7 +42,7 @@ class Capsule:
         self.settings, self.width, self.height = settings, width, height
         self.points_max = points_max
         self.number = 0
-        self._level = None
+        self._noise = None
 
     def frame(self, image):
         """What the chip sends of ``image``.
@@ -61,20 +63,18 @@ class Capsule:
             If the image is not of the sensor's size and 8 bits.
         """
         image = checked(image, self.width, self.height)
-        fixed = self.settings.level_fixed
-        level = self._level if fixed is None else fixed
-        if level is None:
-            result = PatternFrame(number=self.number, learning=True)
+        settings = self.settings
+        noise = settings.fixed_noise or self._noise
+        if noise is None:
+            result = PatternFrame(learning=True)
+            learnt = learn_noise(image, settings)
         else:
-            result = self._measure(image, level)
-        if fixed is None:
-            self._level = measure_level(image, self.settings)
-        self.number = (self.number + 1) & 0xFFFF
-        return result
-
-    def _measure(self, image, level):
-        spots, counts = find_spots(image, level, self.settings)
-        points = reconstruct(spots, self.settings, self.width, self.height)
-        points, dropped = limit_points(points, self.points_max)
-        return PatternFrame(points=points, number=self.number, level=level, dropped=dropped,
-                            spots=counts["spots"], rejected=counts["rejected"])
+            spots, counts, learnt = find_spots(image, noise, settings)
+            points = reconstruct(spots, settings, self.width, self.height)
+            points, dropped = limit_points(points, self.points_max)
+            result = PatternFrame(
+                points=points, grey_noise=noise, level=lit_level(noise, settings),
+                dropped=dropped, spots=counts["spots"], rejected=counts["rejected"])
+        self._noise = learnt
+        number, self.number = self.number, (self.number + 1) & 0xFFFF
+        return replace(result, number=number, saturated=int(np.count_nonzero(image == 255)))

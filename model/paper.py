@@ -3,7 +3,7 @@
 from model.capsule import checked
 from model.link.point_limiter import limit_points
 from model.link.points import PatternFrame
-from model.preprocessing.front_chain import find_spots, measure_level
+from model.preprocessing.front_chain import find_corrected_spots, measure_level
 from model.preprocessing.spot_queue import COUNT_LIMIT
 from model.reconstruction import reconstruct
 
@@ -59,11 +59,11 @@ class Paper:
         settings = self.settings
         level = settings.level_fixed
         if level is None:
-            level = measure_level(image, settings, whole=True)
-        spots, counts = find_spots(image, level, settings, self.labels)
+            level = measure_level(image, settings)
+        spots, counts = find_corrected_spots(image, level, settings, self.labels)
         points = reconstruct(spots, settings, self.width, self.height)
         points, beyond = limit_points(points, self.points_max)
         dropped = min(counts["dropped"] + beyond, COUNT_LIMIT)
         number, self.number = self.number, (self.number + 1) & 0xFFFF
-        return PatternFrame(points=points, number=number, level=level, spots=counts["spots"],
+        return PatternFrame(points=points, number=number, level=level << 4, spots=counts["spots"],
                             rejected=counts["rejected"], dropped=dropped)

@@ -19,14 +19,22 @@ class Settings:
 
     Parameters
     ----------
+    mean_window : :class:`int`
+        Side of the window of the local mean in pixels, odd: a constructor choice of the chip,
+        preset ``capsule``.
+    fixed_noise : :class:`int`
+        Noise in eighths of a grey value, up to 511, instead of the learnt one; 0 to learn it.
+        Preset ``capsule``, as are the next three.
+    lit_gain, core_gain, dent_gain : :class:`int`
+        Levels as multiples of the noise, unsigned Q2.4.
     level_fixed : :class:`int` or None
-        Fixed threshold, 1 to 255; None for the adaptive one.
+        Fixed threshold, 1 to 255; None for the adaptive one. Preset ``paper``, as are the next two.
     threshold_alpha : :class:`int`
         Standard deviations above the mean, unsigned Q4.4.
     erosion : :class:`str`
         One of :data:`EROSION_MODES`.
     weighted : :class:`bool`
-        Weigh pixels by grey - T + 1 instead of 1.
+        Weigh pixels by their excess above the lit level, plus 1, instead of 1.
     area_min, area_max : :class:`int`
         Areas of spots in pixels, both included, 1 to 255.
     report_rejected : :class:`bool`
@@ -42,11 +50,16 @@ class Settings:
         but for the preset ``paper``.
     """
 
+    mean_window: int = 9
+    fixed_noise: int = 0
+    lit_gain: int = 18
+    core_gain: int = 40
+    dent_gain: int = 4
     level_fixed: int | None = None
     threshold_alpha: int = 5 << 4
     erosion: str = "gate"
     weighted: bool = True
-    area_min: int = 3
+    area_min: int = 2
     area_max: int = 255
     report_rejected: bool = False
     principal_u: int = 0

@@ -41,10 +41,11 @@ OUTPUTS = (
     ("calibration.json", "the calibration that the chip was loaded with"),
     ("calibration.png", "how well lens and beams fit the capture"),
     ("capture/", "the simulated capture; yours has the same form"))
-_COLUMNS = ("number", "kind", "laser", "flags", "level", "spots", "rejected", "dropped")
+_COLUMNS = ("number", "kind", "laser", "flags", "level", "grey_noise", "saturated", "spots",
+            "rejected", "dropped")
 #: Pairs of frames to compare with the truth, and scenes that they show in turn.
 _FRAMES, _SCENES = 24, 12
-#: Pairs to receive: the chip may need one to learn its threshold.
+#: Pairs to receive: the chip may need one to learn its levels.
 _RECEIVED = _FRAMES + 1
 
 
@@ -137,8 +138,10 @@ def _evaluate(folder, calibration_path, emulator):
         if number > numbers[0] + 2 * _SCENES - 2:
             break
         image = emulator.shown[number][0]
-        counts = (int(row.text(name)) for name in _COLUMNS[-4:])
-        frame = FrameResult(number, result, None, *counts, points[points["frame"] == number])
+        grey = (float(row.text(name)) for name in _COLUMNS[4:6])
+        counts = (int(row.text(name)) for name in _COLUMNS[6:])
+        frame = FrameResult(number, result, None, *grey, *counts,
+                            points[points["frame"] == number])
         write_picture(result / "frames" / f"{number:04}.png", draw_frame(image, frame, segments))
     first = np.isin(points["frame"], numbers[:_SCENES])
     plot_cloud(result / "point_cloud.png", points[first], calibration.columns)

@@ -30,10 +30,6 @@ class FrameGate(wiring.Component):
         high in that clock only: this stream is for a queue that takes a word at once or not at all.
     texture, texture_info
         The same two for texture frames.
-    level : :py:`In(8)`
-        Threshold, sampled for the announcement.
-    threshold_valid : :py:`In(1)`
-        Low while no threshold is known.
     tag : :py:`In(FrameTag)`
         How the frame was exposed; sampled with its first pixel.
     tripped, tables_valid : :py:`In(1)`
@@ -56,8 +52,6 @@ class FrameGate(wiring.Component):
             "info": Out(stream.Signature(FrameInfo)),
             "texture": Out(stream.Signature(GreyPixel)),
             "texture_info": Out(stream.Signature(FrameInfo)),
-            "level": In(8),
-            "threshold_valid": In(1),
             "tag": In(FrameTag),
             "tripped": In(1),
             "tables_valid": In(1),
@@ -93,8 +87,6 @@ class FrameGate(wiring.Component):
                 pixels.valid.eq(self.i.valid & passes & mine),
                 info.valid.eq(self.i.valid & begins & pixels.ready & mine),
                 info.p.number.eq(number),
-                info.p.level.eq(self.level),
-                info.p.learning.eq(~self.threshold_valid),
                 info.p.skipped.eq(skipped),
                 info.p.tag.eq(self.tag),
                 info.p.tripped.eq(self.tripped),

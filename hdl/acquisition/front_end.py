@@ -43,8 +43,6 @@ class FrontEnd(wiring.Component):
         Pattern frames and their announcements, see :class:`.frame_gate.FrameGate`.
     texture, texture_info
         The same two for texture frames.
-    level, threshold_valid : :py:`In(8)`, :py:`In(1)`
-        The threshold, for ``info``; whether there is one.
 
     Attributes
     ----------
@@ -75,8 +73,6 @@ class FrontEnd(wiring.Component):
             "info": Out(stream.Signature(FrameInfo)),
             "texture": Out(stream.Signature(GreyPixel)),
             "texture_info": Out(stream.Signature(FrameInfo)),
-            "level": In(8),
-            "threshold_valid": In(1),
         })
 
     def elaborate(self, platform):
@@ -90,7 +86,7 @@ class FrontEnd(wiring.Component):
             connect(m, getattr(gate, name), flipped(getattr(self, name)))
         m.d.comb += [
             *(getattr(gate, name).eq(getattr(self, name))
-              for name in ("tag", "tripped", "tables_valid", "level", "threshold_valid")),
+              for name in ("tag", "tripped", "tables_valid")),
             self.skipped.eq(gate.lost),
         ]
 

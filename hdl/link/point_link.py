@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from ..common.activity import Activity
 from ..common.point_fifo import PointFIFO
 from ..config import FRAMES_IN_FLIGHT, check_config
-from ..payloads import Counts, FrameInfo, GreyPixel, PacketOctet, Point
+from ..payloads import Counts, Detection, FrameInfo, GreyPixel, PacketOctet, Point
 from ..ports import register_ports, sample_registers
 from .point_limiter import PointLimiter
 from .points import Points
@@ -33,9 +33,11 @@ class PointLink(wiring.Component):
     -------
     ports, registers
         See :class:`hdl.capsule.Capsule`.
-    i, counts, frames : :py:`In(stream.Signature(Point))`, :py:`In(stream.Signature(Counts))`, \
-    :py:`In(stream.Signature(FrameInfo))`
-        Points of pattern frames, and counts and announcement of each frame.
+    i, counts : :py:`In(stream.Signature(Point))`, :py:`In(stream.Signature(Counts))`
+        Points of pattern frames, and counts of each frame.
+    frames, detections : :py:`In(stream.Signature(FrameInfo))`, \
+    :py:`In(stream.Signature(Detection))`
+        Announcement of each frame, and how its spots were detected.
     texture, texture_info : :py:`In(stream.Signature(GreyPixel))`, \
     :py:`In(stream.Signature(FrameInfo))`
         Texture frames as they pass, and their announcements.
@@ -75,6 +77,7 @@ class PointLink(wiring.Component):
             "i": In(stream.Signature(Point)),
             "counts": In(stream.Signature(Counts)),
             "frames": In(stream.Signature(FrameInfo)),
+            "detections": In(stream.Signature(Detection)),
             "texture": In(stream.Signature(GreyPixel)),
             "texture_info": In(stream.Signature(FrameInfo)),
             "bad_sync": In(8),
@@ -98,6 +101,7 @@ class PointLink(wiring.Component):
         connect(m, point_limiter.counts_o, points.counts)
         connect(m, point_fifo.o, points.i)
         connect(m, flipped(self.frames), points.info)
+        connect(m, flipped(self.detections), points.detection)
         m.d.comb += [
             point_limiter.limit.eq(register["points_max"]),
             self.sent.valid.eq(point_limiter.o.valid & point_limiter.o.ready),

@@ -6,7 +6,7 @@ from amaranth.lib.crc import catalog
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from ..payloads import Counts, FrameInfo, PacketOctet, Point
+from ..payloads import Counts, Detection, FrameInfo, PacketOctet, Point
 from ..ports import register_ports
 from ..protocol import COMPACT, CONTENT_LIMIT, TRAILER_FIELDS, PacketKind
 from .packet_fields import bits_of_fields, flags_octet
@@ -114,6 +114,8 @@ class Points(wiring.Component):
         Points and end markers.
     counts : :py:`In(stream.Signature(Counts))`
         One for each frame, needed once its end marker is there, and taken with it.
+    detection : :py:`In(stream.Signature(Detection))`
+        Likewise.
     info : :py:`In(stream.Signature(FrameInfo))`
         One for each frame, needed once a packet is full or its end marker is there, and taken with
         that.
@@ -137,6 +139,7 @@ class Points(wiring.Component):
         super().__init__({
             "i": In(stream.Signature(Point)),
             "counts": In(stream.Signature(Counts)),
+            "detection": In(stream.Signature(Detection)),
             "info": In(stream.Signature(FrameInfo)),
             **self.registers,
             "o": Out(stream.Signature(PacketOctet)),
@@ -228,7 +231,7 @@ class Points(wiring.Component):
         selected = Signal(len(counters))
         carry = Signal()
         m.d.comb += [
-            s.in_chain.eq(Cat(index[4:8] == _TRAILER[name] >> 4 for name in _CHAINED).any()),
+            s.in_chain.eq(Cat(index[4:9] == _TRAILER[name] >> 4 for name in _CHAINED).any()),
             s.carry_in.eq(Mux(index[:4] == 0, ~s.in_trailer, carry)),
             s.counted.eq((Cat(counter[0] for counter in counters) & selected).any()),
         ]
@@ -252,15 +255,18 @@ class Points(wiring.Component):
     def _fields(self, m, s, check):
         """Head and trailer, bit by bit, and the check over the points in it."""
         counts, info, index = self.counts.p, self.info.p, s.index
+        detection = self.detection.p
         kind = Cat(s.closing & ~s.is_unmatched, s.records, s.is_unmatched,
                    C(PacketKind.POINTS >> 3, 5))
         flags = flags_octet(
-            wide=s.wide, learning=info.learning, broken=counts.broken, laser=info.tag.laser,
+            wide=s.wide, learning=detection.learning, broken=counts.broken, laser=info.tag.laser,
             capture=info.tag.capture, tripped=info.tripped, tables_valid=info.tables_valid,
             texture=info.tag.texture)
         fields = Cat(C(0, _HEAD), kind, bits_of_fields(TRAILER_FIELDS, {
             **dict.fromkeys(_CHAINED, C(0, 16)),
-            "number": info.number, "level": info.level, "skipped": info.skipped,
+            "number": info.number, "level": detection.level,
+            "grey_noise": detection.noise, "saturated": detection.saturated,
+            "skipped": info.skipped,
             "exposure_us": info.tag.exposure_us, "timestamp_us": info.tag.timestamp_us,
             "check": check.crc[0].replicate(16), "spots": counts.spots,
             "dropped": counts.dropped, "flags": flags,
@@ -272,8 +278,8 @@ class Points(wiring.Component):
             s.wide.eq(counts.spots[8:].any()),
             # In two steps, so that what stands in two positions costs once.
             s.field.eq(Cat(fields[at:at + 16].bit_select(index[:4], 1)
-                           for at in range(0, 256, 16)).bit_select(index[4:8], 1)),
-            in_check.eq(s.in_trailer & (index[4:8] == _TRAILER["check"] >> 4)),
+                           for at in range(0, 304, 16)).bit_select(index[4:9], 1)),
+            in_check.eq(s.in_trailer & (index[4:9] == _TRAILER["check"] >> 4)),
             # A CRC that is fed with what it gives, inverted, shifts out unchanged.
             check.valid.eq(Mux(
                 s.reading, s.is_ok & ~s.was_read & (
@@ -307,8 +313,9 @@ class Points(wiring.Component):
                 m.d.sync += [s.in_frame.eq(1), s.frame_records.eq(s.records)]
             with m.If(self.i.valid & ~point.end & ~(s.records & s.points_full)):
                 m.next = "READ"
-            with m.If(self.i.valid & self.info.valid
-                      & Mux(point.end, self.counts.valid, s.records & s.points_full)):
+            with m.If(self.i.valid & self.info.valid & Mux(
+                    point.end, self.counts.valid & self.detection.valid,
+                    s.records & s.points_full)):
                 m.d.sync += s.closing.eq(point.end & ~too_full)
                 m.next = "PAD"
 
@@ -360,9 +367,9 @@ class Points(wiring.Component):
         m.d.comb += [
             end.eq(Mux(s.is_unmatched, s.unmatched_bits[3:], s.points_bits[3:])),
             body_ends.eq(s.in_body & (index[3:] == end)),
-            trailer_ends.eq(s.in_trailer & (index[3:8] == _TAIL_END >> 3)),
-            skip.eq(s.in_trailer & ~s.wide & (index[4:8] >= _TRAILER["spots"] >> 4)
-                    & (index[4:8] < _TRAILER["flags"] >> 4) & index[3]),
+            trailer_ends.eq(s.in_trailer & (index[3:9] == _TAIL_END >> 3)),
+            skip.eq(s.in_trailer & ~s.wide & (index[4:9] >= _TRAILER["spots"] >> 4)
+                    & (index[4:9] < _TRAILER["flags"] >> 4) & index[3]),
             self.o.p.last.eq(body_ends & (s.is_unmatched | ~s.closing) | trailer_ends),
         ]
 
@@ -402,7 +409,8 @@ class Points(wiring.Component):
     def _finish_frame(self, m, s, check):
         """Take the end marker and what belongs to the frame."""
         m.d.comb += [
-            self.i.ready.eq(1), self.counts.ready.eq(1), self.info.ready.eq(1),
+            self.i.ready.eq(1), self.counts.ready.eq(1), self.detection.ready.eq(1),
+            self.info.ready.eq(1),
             check.start.eq(1)]
         m.d.sync += [
             s.unmatched_bits.eq(0), s.closing.eq(0), s.is_unmatched.eq(0), s.in_frame.eq(0)]

@@ -27,11 +27,13 @@ class PatternFrame:
     ----------
     points : structured array
         Fields of :data:`POINT`, in the order of their labels.
-    number, level, skipped, exposure_us, timestamp_us : :class:`int`
-        16, 8, 8, 16 and 24 bits: frame number, threshold, frames that were skipped before this
-        one, integration time and its start in microseconds.
+    number, level, grey_noise, saturated, skipped, exposure_us, timestamp_us : :class:`int`
+        16, 12, 9, 19, 8, 16 and 24 bits: frame number, level from which on a pixel is lit (unsigned
+        Q8.4), the noise that it is a multiple of (eighths of a grey value), pixels of grey value
+        255, frames that were skipped before this one, integration time and its start in
+        microseconds. Preset ``paper`` has no noise and does not count saturated pixels: 0.
     learning, broken, laser, capture, tripped, tables_valid : :class:`bool`
-        The threshold was not learnt yet; the frame lost synchronism; the laser was lit; taken in
+        The noise was not learnt yet; the frame lost synchronism; the laser was lit; taken in
         calibration capture; the laser guard holds a cause; the tables are valid.
     spots, rejected, dropped : :class:`int`
         16 bits each: all components; those that were rejected or found no room before they
@@ -41,6 +43,8 @@ class PatternFrame:
     points: np.ndarray = field(default_factory=lambda: np.zeros(0, POINT))
     number: int = 0
     level: int = 0
+    grey_noise: int = 0
+    saturated: int = 0
     skipped: int = 0
     exposure_us: int = 0
     timestamp_us: int = 0
@@ -120,8 +124,10 @@ def _trailer(frame, unlisted):
     counts = [frame.spots, *statuses[:_REJECTED], frame.rejected + statuses[_REJECTED],
               frame.dropped, unlisted]
     wide = max(counts) > 255
-    fixed = (frame.number | frame.level << 16 | frame.skipped << 24 | frame.exposure_us << 32
-             | frame.timestamp_us << 48 | check_word(frame.points) << 72).to_bytes(11, "little")
+    fixed = b"".join(int(value).to_bytes(octets, "little") for value, octets in (
+        (frame.number, 2), (frame.level, 2), (frame.grey_noise, 2), (frame.saturated, 3),
+        (frame.skipped, 1), (frame.exposure_us, 2), (frame.timestamp_us, 3),
+        (check_word(frame.points), 2)))
     return (fixed + b"".join(int(count).to_bytes(1 + wide, "little") for count in counts)
             + bytes([flags(wide, frame.learning, frame.broken, frame.laser, frame.capture,
                            frame.tripped, frame.tables_valid)]))

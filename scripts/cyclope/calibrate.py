@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from hdl.protocol import MEAN_WINDOW_PIXELS
 from model.errors import UserError
 from scripts.cyclope.extras import require
 
@@ -14,28 +15,45 @@ def add_arguments(parser):
         "Calibrate a rig from a capture folder: the lens from lens/, the beams from planes/. "
         "Writes the calibration and, beside it, a plot of lines and residuals.")
     parser.epilog = (
-        "Threshold, erosion, centre and area are stored in the calibration: frames are measured "
-        "with the same settings as the planes.")
+        "Levels, centre and area are stored in the calibration: frames are measured with the same "
+        "settings as the planes.")
     parser.add_argument("capture", type=Path, metavar="CAPTURE", help="the capture folder")
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="FILE",
                         help="calibration to write, calibration.json")
     parser.add_argument(
-        "--threshold", default="adaptive", metavar="N|adaptive",
-        help="fixed grey level, 1 to 255, or set from the histogram of each frame (default)")
-    parser.add_argument(
-        "--alpha", type=float, metavar="X",
-        help="adaptive threshold: standard deviations above the background's mean, 0 to 15.9")
-    parser.add_argument(
-        "--erosion", choices=("off", "erode", "gate"),
-        help="gate (default): a spot is a component that a 3x3 erosion leaves something of; "
-             "erode: the eroded mask, as in the paper; off")
-    parser.add_argument(
-        "--centre", choices=("weighted", "binary"),
-        help="weight each pixel by its grey value above the threshold (default), or all equally")
-    parser.add_argument(
         "--preset", choices=("capsule", "paper"), default="capsule",
         help="the design that will measure: capsule (default), or paper, which undistorts whole "
              "images with a table and uses binary centres of eroded spots")
+    parser.add_argument(
+        "--centre", choices=("weighted", "binary"),
+        help="weight each pixel by its grey value above the lit level (default), or all equally")
+    capsule = parser.add_argument_group(
+        "preset capsule", "pixels against the mean of a window around them, in multiples of the "
+        "noise below it")
+    capsule.add_argument(
+        "--noise", default="adaptive", metavar="GREY|adaptive",
+        help="fixed noise in grey values, 0.125 to 63.8, or learnt on the frame before (default)")
+    capsule.add_argument("--lit", type=float, metavar="X",
+                         help="a pixel is lit from this multiple on, 0.0625 to 3.9")
+    capsule.add_argument("--core", type=float, metavar="X",
+                         help="a spot has a pixel that reaches this multiple, 0.0625 to 3.9")
+    capsule.add_argument(
+        "--dent", type=float, metavar="X",
+        help="a pixel parts two spots if it lies by this multiple below both, 0 to 3.9; 0: never")
+    capsule.add_argument(
+        "--window", type=int, metavar="N",
+        help="side of the window in pixels, odd, 5 to 21: that of the chip")
+    paper = parser.add_argument_group("preset paper")
+    paper.add_argument(
+        "--threshold", metavar="N|adaptive",
+        help="fixed grey level, 1 to 255, or set from the histogram of each frame (default)")
+    paper.add_argument(
+        "--alpha", type=float, metavar="X",
+        help="adaptive threshold: standard deviations above the background's mean, 0 to 15.9")
+    paper.add_argument(
+        "--erosion", choices=("off", "erode", "gate"),
+        help="erode (default): the eroded mask, as in the paper; gate: a spot is a component that "
+             "a 3x3 erosion leaves something of; off")
     parser.add_argument("--area-min", type=int, metavar="N", help="smallest spot, in pixels")
     parser.add_argument("--area-max", type=int, metavar="N",
                         help="largest spot, in pixels, up to 255")
@@ -47,15 +65,42 @@ def add_arguments(parser):
                         help="do not write the plot")
 
 
-def _settings(arguments):
-    """Settings with the user's choices, checked."""
-    from model.settings import Settings
+_CAPSULE = ("noise", "lit", "core", "dent", "window")
+_PAPER = ("threshold", "alpha", "erosion")
+
+
+def _capsule_choices(arguments):
+    """Levels of the preset ``capsule``, checked."""
     choices = {}
-    if arguments.preset == "paper":
-        if arguments.centre == "weighted":
-            raise UserError("--preset paper has binary centres only: leave out --centre.")
-        choices.update(erosion="erode", weighted=False)
-    if arguments.threshold != "adaptive":
+    if arguments.noise != "adaptive":
+        try:
+            noise = float(arguments.noise) * 8
+        except ValueError:
+            noise = 0.0
+        if not 0.5 < noise < 511.5:
+            raise UserError(f"--noise must be 0.125 to 63.8 or 'adaptive', not "
+                            f"'{arguments.noise}'.")
+        choices["fixed_noise"] = round(noise)
+    for name, least in (("lit", 1), ("core", 1), ("dent", 0)):
+        value = getattr(arguments, name)
+        if value is not None:
+            if not least - 0.5 <= value * 16 < 63.5 or value < 0:
+                raise UserError(f"--{name} must be {least / 16:g} to 3.9, not {value:g}.")
+            choices[f"{name}_gain"] = round(value * 16)
+    if arguments.window is not None:
+        least, most = MEAN_WINDOW_PIXELS
+        if not least <= arguments.window <= most or arguments.window % 2 == 0:
+            raise UserError(f"--window must be odd and {least} to {most}, not {arguments.window}.")
+        choices["mean_window"] = arguments.window
+    return choices
+
+
+def _paper_choices(arguments):
+    """Threshold and erosion of the preset ``paper``, checked."""
+    if arguments.centre == "weighted":
+        raise UserError("--preset paper has binary centres only: leave out --centre.")
+    choices = {"erosion": arguments.erosion or "erode", "weighted": False, "area_min": 3}
+    if arguments.threshold not in (None, "adaptive"):
         if not (arguments.threshold.isascii() and arguments.threshold.isdigit()
                 and 1 <= int(arguments.threshold) <= 255):
             raise UserError(f"--threshold must be 1 to 255 or 'adaptive', not "
@@ -65,8 +110,19 @@ def _settings(arguments):
         if not 0 <= arguments.alpha * 16 < 255.5:
             raise UserError(f"--alpha must be 0 to 15.9, not {arguments.alpha:g}.")
         choices["threshold_alpha"] = round(arguments.alpha * 16)
-    if arguments.erosion is not None:
-        choices["erosion"] = arguments.erosion
+    return choices
+
+
+def _settings(arguments):
+    """Settings with the user's choices, checked."""
+    from model.settings import Settings
+
+    paper = arguments.preset == "paper"
+    for name in _CAPSULE if paper else _PAPER:
+        if getattr(arguments, name) not in (None, "adaptive"):
+            raise UserError(f"--{name} is for the preset {'capsule' if paper else 'paper'} only: "
+                            f"leave it out, or choose another --preset.")
+    choices = _paper_choices(arguments) if paper else _capsule_choices(arguments)
     if arguments.centre is not None:
         choices["weighted"] = arguments.centre == "weighted"
     for name in ("area_min", "area_max"):

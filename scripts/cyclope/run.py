@@ -23,8 +23,8 @@ def add_arguments(parser):
         "the other files appear at the end, summary.txt last. The exit status is 3 if no frame has "
         "an ok point. The column `frame` is the number in the file's name where all names are "
         "numbers (0007.png or 0007_ir.png), else the position in the sorted list, from 0. The chip "
-        "learns its threshold on the frame before: the first frame is therefore shown twice, and "
-        "with --independent every frame is; with a fixed threshold none is.")
+        "learns its levels on the frame before: the first frame is therefore shown twice, and with "
+        "--independent every frame is; with --noise none is.")
     parser.add_argument(
         "frames", nargs="+", type=Path, metavar="CAPTURE|FOLDER|FILE",
         help="a capture folder, a folder of grey 8-bit images, or such images")
@@ -36,12 +36,17 @@ def add_arguments(parser):
         help="the RTL, Verilated (default), or the numpy model; both give identical points, unless "
              "a frame has more spots than the chip's buffers hold")
     parser.add_argument(
+        "--noise", type=float, metavar="GREY",
+        help="fixed noise of the background in grey values, 0.125 to 63.8, instead of the "
+             "calibration's choice: all levels are multiples of it; 0 learns it on the frames; "
+             "preset capsule")
+    parser.add_argument(
         "--level", type=int, metavar="N",
         help="fixed threshold, 1 to 255, instead of the calibration's choice; 0 learns it from "
-             "each frame's histogram")
+             "each frame's histogram; preset paper")
     parser.add_argument(
         "--independent", action="store_true",
-        help="the frames are unrelated pictures: learn the threshold of each on itself, and judge "
+        help="the frames are unrelated pictures: learn the levels of each on itself, and judge "
              "doubtful points by their own frame alone")
     parser.add_argument(
         "--no-doubtful", dest="doubtful", action="store_false",
@@ -55,6 +60,25 @@ def add_arguments(parser):
         help="folder to create; it must not hold anything yet")
 
 
+def _with_levels(settings, noise, level):
+    """Settings with the user's noise or threshold, checked."""
+    if noise is not None:
+        if settings.remap:
+            raise UserError("--noise is for the preset capsule, and the calibration is for paper: "
+                            "use --level.")
+        if not (noise == 0 or 0.0625 < noise < 63.9375):
+            raise UserError(f"--noise must be 0, or 0.125 to 63.8, not {noise:g}.")
+        settings = replace(settings, fixed_noise=round(noise * 8))
+    if level is not None:
+        if not 0 <= level <= 255:
+            raise UserError(f"--level must be 0 to 255, not {level}.")
+        if not settings.remap:
+            raise UserError("--level is for the preset paper, and the calibration is for capsule: "
+                            "use --noise.")
+        settings = replace(settings, level_fixed=level or None)
+    return settings
+
+
 def _bar(console):
     from rich import progress
     return progress.Progress(
@@ -64,7 +88,7 @@ def _bar(console):
 
 
 def run(targets, calibration_path, output, engine="rtl", *, independent=False, pictures=True,
-        level=None, doubtful=True, console=None):
+        noise=None, level=None, doubtful=True, console=None):
     """Do what ``cyclope run`` does; arguments as there.
 
     Returns
@@ -99,11 +123,8 @@ def run(targets, calibration_path, output, engine="rtl", *, independent=False, p
     from scripts.simulation.engine import open_engine
 
     calibration = file.load(calibration_path)
-    if level is not None:
-        if not 0 <= level <= 255:
-            raise UserError(f"--level must be 0 to 255, not {level}.")
-        calibration = replace(
-            calibration, settings=replace(calibration.settings, level_fixed=level or None))
+    calibration = replace(
+        calibration, settings=_with_levels(calibration.settings, noise, level))
     truth = None if found.truth is None else load_truth(found.truth)
     entries = found.entries
     check_images(entries, calibration.width, calibration.height)
@@ -135,6 +156,6 @@ def main(arguments):
         require("calibration", "Plotting", ", or use --no-pictures")
     result = run(
         arguments.frames, arguments.calibration, arguments.output, arguments.engine,
-        independent=arguments.independent, pictures=arguments.pictures, level=arguments.level,
-        doubtful=arguments.doubtful)
+        independent=arguments.independent, pictures=arguments.pictures, noise=arguments.noise,
+        level=arguments.level, doubtful=arguments.doubtful)
     return 0 if result.ok else _UNUSABLE

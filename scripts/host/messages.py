@@ -21,7 +21,7 @@ class _Flags:
 
     @property
     def learning(self):
-        """No threshold was known: the frame has no points."""
+        """No level was known: the frame has no points."""
         return self._flag(Flag.LEARNING)
 
     @property
@@ -59,7 +59,12 @@ class Frame(_Flags):
     number : :class:`int`
         As the chip counts frames, 16 bits.
     level : :class:`int`
-        Threshold.
+        Level from which on pixels were lit, in sixteenths of a grey value: above the local mean, or
+        in the preset ``paper`` above 0.
+    grey_noise : :class:`int`
+        What the level is a multiple of, in eighths of a grey value; 0 in the preset ``paper``.
+    saturated : :class:`int`
+        Pixels of the largest grey value; 0 in the preset ``paper``.
     skipped : :class:`int`
         Frames that the chip left out before this one.
     exposure_us : :class:`int`
@@ -95,6 +100,8 @@ class Frame(_Flags):
 
     number: int
     level: int = 0
+    grey_noise: int = 0
+    saturated: int = 0
     skipped: int = 0
     exposure_us: int = 0
     timestamp_us: int = 0

@@ -27,8 +27,10 @@ NO_CALIBRATION = ("The points come in their compact form, which needs the calibr
 _NAMES = (*STATUS, "unverified")
 _OK, _UNVERIFIED = STATUS.index("ok"), len(STATUS)
 _LSB_PX = 1 / 512
-_COUNTED = ("level", "skipped", "spots", "ok", "noise", "ambiguous", "rejected", "dropped",
-            "unlisted")
+#: Grey values in the tables, and how many of the chip's units make one.
+_GREY_UNITS = {"level": 16, "grey_noise": 8}
+_COUNTED = ("level", "grey_noise", "saturated", "skipped", "spots", "ok", "noise", "ambiguous",
+            "rejected", "dropped", "unlisted")
 _FLAGS = ("learning", "broken", "capture", "tripped", "tables_valid")
 _FRAMES_HEADER = ("number,kind,laser,exposure_us,timestamp_us," + ",".join(_COUNTED)
                   + ",check,flags,lost_packets,bad_sync,overrun,duplicate,doubtful\n")
@@ -222,7 +224,8 @@ class Recorder:
         found = [str(np.count_nonzero(points["status"] == status))
                  for status in (DUPLICATE, DOUBTFUL)]
         if frame.summarised:
-            self._row(frame, "pattern", [str(getattr(frame, name)) for name in _COUNTED],
+            self._row(frame, "pattern", [f"{getattr(frame, name) / _GREY_UNITS.get(name, 1):.10g}"
+                                         for name in _COUNTED],
                       _CHECK[frame.verified], str(frame.lost), found)
         else:
             # Laser, exposure and time were in the packet that is missing.

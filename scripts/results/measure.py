@@ -35,7 +35,7 @@ def frame_notes(image, frame, points):
     if frame.broken:
         notes.append("broken: synchronism lost")
     if frame.learning:
-        notes.append("learning: no threshold yet")
+        notes.append("learning: no level yet")
     if frame.skipped:
         notes.append(f"{plural(frame.skipped, 'frame')} lost before it")
     if frame.dropped:
@@ -73,7 +73,7 @@ def frame_notes(image, frame, points):
 def measure(entries, calibration, engine, independent=False):
     """Yield every frame's image and result, as the engine measures it.
 
-    The engine takes some frames twice, to learn the threshold; each is yielded once.
+    The engine takes some frames twice, to learn the levels; each is yielded once.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def measure(entries, calibration, engine, independent=False):
     engine : engine
         From :func:`scripts.simulation.engine.open_engine`.
     independent : :class:`bool`
-        Learn every frame's threshold on itself, and doubt no point for what its beam showed before.
+        Learn every frame's levels on itself, and doubt no point for what its beam showed before.
 
     Yields
     ------
@@ -104,8 +104,9 @@ def measure(entries, calibration, engine, independent=False):
         grey = image if entry.texture is None else read_image(entry.texture, *size)
         points = locate(frame.points, entry.index, grey)
         yield image, FrameResult(
-            index=entry.index, path=entry.path, texture=entry.texture, level=frame.level,
-            spots=frame.spots, rejected=frame.rejected, dropped=frame.dropped, points=points,
+            index=entry.index, path=entry.path, texture=entry.texture, level=frame.level / 16,
+            grey_noise=frame.grey_noise / 8, saturated=frame.saturated, spots=frame.spots,
+            rejected=frame.rejected, dropped=frame.dropped, points=points,
             notes=frame_notes(image, frame, points))
     if waiting:
         raise RuntimeError(f"the engine gave no answer to {len(waiting)} frames")

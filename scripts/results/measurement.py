@@ -53,7 +53,7 @@ class Measurement:
         if self.ok:
             return self.notes
         return [*self.notes, "no frame has an ok point, so nothing here is to be used: check the "
-                             "exposure, the threshold (--level), and whether the calibration is of "
+                             "exposure, the levels (--noise), and whether the calibration is of "
                              "this rig"]
 
 

@@ -77,7 +77,7 @@ def _outlined(picture, words, position, colour, size):
 
 def _legend(picture, frame, top, disabled):
     """Two lines below the frame: its number and counts, and the meaning of the colours."""
-    words = f"frame {frame.index}    threshold {frame.level}    {frame.spots} spots"
+    words = f"frame {frame.index}    level {frame.level:.1f}    {frame.spots} spots"
     if frame.notes:
         words += "    " + "; ".join(frame.notes)
     size = next((size for size in range(15, 8, -1)

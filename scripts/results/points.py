@@ -37,8 +37,11 @@ class FrameResult:
         Its pattern image.
     texture : :class:`~pathlib.Path` or None
         Its image without the laser.
-    level : :class:`int`
-        Threshold used.
+    level, grey_noise : :class:`float`
+        Grey values from which on pixels were lit, above the local mean or in the preset ``paper``
+        above 0; and the noise that this is a multiple of, 0 in the preset ``paper``.
+    saturated : :class:`int`
+        Pixels of the largest grey value; 0 in the preset ``paper``.
     spots, rejected, dropped : :class:`int`
         Connected components in the frame, those that were rejected in any block, and those that
         were dropped because a buffer was full.
@@ -51,7 +54,9 @@ class FrameResult:
     index: int
     path: Path
     texture: Path | None
-    level: int
+    level: float
+    grey_noise: float
+    saturated: int
     spots: int
     rejected: int
     dropped: int

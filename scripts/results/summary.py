@@ -67,7 +67,7 @@ def frames_table(frames, limit=None):
             continue
         lines += 1
         table.add_row(
-            str(frame.index), str(frame.level),
+            str(frame.index), f"{frame.level:.1f}",
             *(_cell(name, value) for name, value in _figures(frame).items()
               if name not in hidden),
             Text("!" if frame.notes else "", style="bold yellow"))

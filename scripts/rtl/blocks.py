@@ -90,8 +90,8 @@ class Block:
 BLOCKS = tuple(Block(name, unit) for unit, names in {
     "acquisition": "sequencer exposure laser_guard camera addressed_camera frame_gate image_bank "
                    "frame_banks frame_memory sram_frames",
-    "preprocessing": "histogram threshold remap binarise erosion labelling label_joiner "
-                     "component_sums two_pass_labelling spot_queue centre",
+    "preprocessing": "background noise hysteresis histogram threshold remap binarise erosion "
+                     "labelling label_joiner component_sums two_pass_labelling spot_queue centre",
     "stereo": "undistort epipolar depth",
     "link": "point_limiter points texture scheduler framer uart_tx transmitter uart_rx receiver "
             "registers capture_timer reply_fields table_access commands",

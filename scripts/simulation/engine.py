@@ -41,15 +41,16 @@ class _Engine:
         self.settings = settings
         self.decoder = Decoder(Rebuilder(settings, width, height))
         self._discard = []
-        #: A frame's level is that of the frame before it.
-        self.learns_before = settings.level_fixed is None and preset_of(settings) == "capsule"
+        #: A frame's levels follow from the noise of the frame before it.
+        self.learns_before = not settings.fixed_noise and preset_of(settings) == "capsule"
 
     def frames(self, images, independent=False):
         """Decoded frame of every image.
 
-        The preset ``capsule`` learns its threshold on the frame before. So the first image is shown
+        The preset ``capsule`` learns the noise on the frame before. So the first image is shown
         twice and the answer to its first showing is left out; with ``independent`` so is every
-        image. Nothing is repeated where the threshold is fixed, or learnt on the frame itself.
+        image. Nothing is repeated where the noise is fixed, or the threshold learnt on the frame
+        itself.
         """
         for index, image in enumerate(images):
             if self.learns_before and (independent or index == 0):
@@ -247,4 +248,5 @@ def open_engine(kind, calibration, report_rejected=True):
     beams = len(settings.line)
     lanes = beams if preset.lanes == preset.beams else min(preset.lanes, beams)
     return RTLEngine(settings, replace(
-        preset, width=calibration.width, height=calibration.height, beams=beams, lanes=lanes))
+        preset, width=calibration.width, height=calibration.height, beams=beams, lanes=lanes,
+        mean_window=settings.mean_window))

@@ -43,7 +43,7 @@ def random_tag(rng):
     return {name: int(rng.integers(1 << width)) for name, width in bits.items()}
 
 
-PLAIN = {"level": 0, "threshold_valid": 0, "info_ready": 1, "texture_info_ready": 1, "tag": 0,
+PLAIN = {"info_ready": 1, "texture_info_ready": 1, "tag": 0,
          "tripped": 0, "tables_valid": 0}
 
 
@@ -66,18 +66,16 @@ async def whole_frames_or_none(dut, gap, stall):
             words = words[:int(rng.integers(1, 12))] + broken
         elif kind == "nothing":
             words = broken
-        ready, level, tag = bool(rng.random() < 0.6), int(rng.integers(256)), random_tag(rng)
+        ready, tag = bool(rng.random() < 0.6), random_tag(rng)
         tripped, tables_valid = int(rng.integers(2)), int(rng.integers(2))
         # Only the announcement of the frame's own kind may matter.
         dut.info_ready.value = ready ^ tag["texture"]
         dut.texture_info_ready.value = ready ^ 1 ^ tag["texture"]
-        dut.level.value, dut.threshold_valid.value = level, level & 1
         dut.tag.value = word_of(FrameTag, **tag)
         dut.tripped.value, dut.tables_valid.value = tripped, tables_valid
         if kind != "nothing":
             room.append(ready)
-            states.append({"level": level, "learning": 1 - (level & 1), "tripped": tripped,
-                           "tables_valid": tables_valid,
+            states.append({"tripped": tripped, "tables_valid": tables_valid,
                            **{f"tag_{name}": value for name, value in tag.items()}})
             if ready:
                 wanted["texture" if tag["texture"] else "o"] += words
@@ -138,5 +136,5 @@ async def skipped_stops_at_255(dut):
     dut.tag.value = 1
     await bench.i.send([pixel])
     assert reader.taken == [
-        ("info", word_of(FrameInfo, number=300, skipped=255, learning=1)),
-        ("texture_info", word_of(FrameInfo, number=301, learning=1, tag_texture=1))]
+        ("info", word_of(FrameInfo, number=300, skipped=255)),
+        ("texture_info", word_of(FrameInfo, number=301, tag_texture=1))]

@@ -92,13 +92,13 @@ def accuracy(console):
 
     from tb.benchmark.depth_error import CASES, CONDITIONS, measure
     table = _table("Depth, seeds 1 to 5, golden model (its points are the RTL's)", "rig", "scenes",
-                   "centre, erosion", "mean error", "limit", "found", "wrong", "ok points")
+                   "centre", "mean error", "limit", "found", "wrong", "ok points")
     for case in track(CASES, "accuracy", console=Console(stderr=True), transient=True):
         depth = measure(case, _SEEDS)
         error = depth.error
         table.add_row(
             case.rig, ", ".join(case.kinds) + (", split spots" if case.split else ""),
-            f"{case.centre}, {case.erosion}", f"{100 * error.mean():.3f} %",
+            case.centre, f"{100 * error.mean():.3f} %",
             f"{100 * case.limit:.2f} %" if case.limit else "",
             f"{100 * depth.found / depth.expected:.2f} %", f"{100 * np.mean(error > 0.05):.3f} %",
             str(len(error)))
@@ -127,10 +127,11 @@ def latency(console):
     from tb.system.chain import last_point_latency
     config = PRESETS["capsule"]
     table = _table("From a frame's last pixel to its last point; 64 spots end on the last row",
-                   "lanes", "clocks", "limit (3 rows + 1000)", "points")
+                   "lanes", "clocks", "limit (7 rows + 1000)", "points")
     for lanes in (config.lanes, 8):
         clocks, points = last_point_latency(replace(config, lanes=lanes))
-        table.add_row(str(lanes), f"{clocks:,}", f"{3 * config.width + 1000:,}", str(points))
+        limit = (3 + config.mean_window // 2) * config.width + 1000
+        table.add_row(str(lanes), f"{clocks:,}", f"{limit:,}", str(points))
     console.print(table)
 
 

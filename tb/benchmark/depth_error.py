@@ -16,11 +16,10 @@ _FOLDS = ("tilted", "polyp", "tube")
 
 @dataclass(frozen=True)
 class Case:
-    """A rig, scenes, modes and conditions, and the largest allowed mean error (None: no limit)."""
+    """A rig, scenes, weights, conditions, and the largest allowed mean error (None: no limit)."""
 
     rig: str
     kinds: tuple
-    erosion: str = "gate"
     centre: str = "weighted"
     limit: float | None = None
     split: bool = False
@@ -50,9 +49,8 @@ class Depth:
 
 
 CASES = (
-    Case("endoscope", _PLANES, "gate", "weighted", 0.0012),
-    Case("endoscope", _PLANES, "erode", "binary", 0.007),
-    Case("demonstrator", _PLANES, "gate", "weighted", 0.0005),
+    Case("endoscope", _PLANES, limit=0.0012),
+    Case("demonstrator", _PLANES, limit=0.0005),
     Case("endoscope", _ALL),
     Case("endoscope", _ALL, split=True),
 )
@@ -83,7 +81,8 @@ def _calibration(case, rig, seed):
     from model.optics import capture
     from model.settings import Settings
 
-    settings = Settings(erosion=case.erosion, weighted=case.centre == "weighted")
+    paper = {"erosion": "erode", "area_min": 3} if case.preset == "paper" else {}
+    settings = Settings(weighted=case.centre == "weighted", **paper)
     with tempfile.TemporaryDirectory() as folder:
         capture.write(folder, "plane", rig, seed, frames=1)
         return calibrate(read_capture(folder), Options(

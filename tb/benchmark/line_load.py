@@ -46,7 +46,8 @@ def realistic_frames(seeds, rig="endoscope", frames=4):
                       for scene in scenes.sequence(kind, RIGS[rig], frames, rng)]
             for frame in open_engine("model", calibration).frames(images, independent=True):
                 found.append(PatternFrame(
-                    points=frame.points, number=len(found), level=frame.level, laser=True,
+                    points=frame.points, number=len(found), level=frame.level,
+                    grey_noise=frame.grey_noise, saturated=frame.saturated, laser=True,
                     tables_valid=True, spots=frame.spots, rejected=frame.rejected))
     return found
 

@@ -43,8 +43,8 @@ def _clocks(config, image):
 def _depth(rig):
     from tb.benchmark.depth_error import Case, measure
 
-    cases = {"capsule": Case(rig, _KINDS, "gate", "weighted", None),
-             "paper": Case(rig, _KINDS, "erode", "binary", None, preset="paper")}
+    cases = {"capsule": Case(rig, _KINDS, "weighted", None),
+             "paper": Case(rig, _KINDS, "binary", None, preset="paper")}
     figures = {}
     for preset, case in cases.items():
         depth = measure(case, _SEEDS)

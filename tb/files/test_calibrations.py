@@ -40,7 +40,7 @@ def drop(*path):
 
 #: What is done to the content of a good file, and words of the sentence.
 FORGED = {
-    "version": (put("version", value=2), "is of version 2, this program reads version 1"),
+    "version": (put("version", value=1), "is of version 1, this program reads version 2"),
     "version of digits": (put("version", value="9" * 900), "is of version 9999"),
     "no version": (drop("version"), "is of version None"),
     "version list": (put("version", value=[1]), "is of version [1]"),
@@ -87,6 +87,8 @@ FORGED = {
     "depth long": (lambda c: c["settings"]["depth"].extend([0] * 1000), "depth of settings must"),
     "erosion": (put("settings", "erosion", value="both"), "erosion of settings must be one of off"),
     "erosion list": (put("settings", "erosion", value=["off"]), "erosion of settings must be one"),
+    "even window": (put("settings", "mean_window", value=10), "mean_window of settings must be an"),
+    "no lit gain": (put("settings", "lit_gain", value=0), "lit_gain of settings must be an"),
     "level 0": (put("settings", "level_fixed", value=0), "level_fixed of settings must be an int"),
     "level true": (put("settings", "level_fixed", value=True), "level_fixed of settings must be"),
     "area 0": (put("settings", "area_min", value=0), "area_min of settings must be an integer"),

@@ -24,7 +24,7 @@ from amaranth.lib import fifo
 
 from hdl.common.point_fifo import PointFIFO
 from hdl.common.stage import Stage
-from hdl.payloads import Counts, FrameInfo, GreyPixel
+from hdl.payloads import Counts, Detection, FrameInfo, GreyPixel
 from hdl.preprocessing.spot_queue import SpotQueue
 from tb.formal import symbiyosys as formal
 from tb.formal.streams import async_queue, free_inputs
@@ -228,6 +228,8 @@ def _library(shape, depth):
 QUEUES = {
     "stage": Queue(Stage, _stage, (), "one word between two blocks"),
     "frame_info": _library(FrameInfo, 4),
+    "detection_fifo": _library(Detection, 4),
+    "levels": _library(8, 4),
     "point_limiter.queue": _library(Counts, 4),
     "remap.queue": _library(8, 16),
     "addressed_camera.queue": _library(GreyPixel, 8),

@@ -79,7 +79,7 @@ def test_what_the_design_uses_is_what_is_proved():
     capsule = Fragment.get(find("capsule").component(), None)
     depths = {(name.rpartition(".")[0].rpartition(".")[2], memory._data.depth)
               for name, memory in _memories(capsule) if name.endswith(".storage")}
-    assert depths == {("frame_info", 4), ("queue", 4), ("queue", 16)}
+    assert depths == {("frame_info", 4), ("detection_fifo", 4), ("queue", 4), ("queue", 16)}
     gc.collect()
 
 

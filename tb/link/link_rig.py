@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from hdl.acquisition.frame_gate import FrameGate
 from hdl.link.points import Points
 from hdl.link.transmitter import Transmitter
-from hdl.payloads import Counts, FrameInfo, FrameTag, GreyPixel, PacketOctet, Point
+from hdl.payloads import Counts, Detection, FrameInfo, FrameTag, GreyPixel, PacketOctet, Point
 
 __all__ = ["LinkRig"]
 
@@ -23,6 +23,7 @@ class LinkRig(wiring.Component):
             "tag": In(FrameTag),
             "points": In(stream.Signature(Point)),
             "counts": In(stream.Signature(Counts)),
+            "detection": In(stream.Signature(Detection)),
             "info": In(stream.Signature(FrameInfo)),
             "replies": In(stream.Signature(PacketOctet)),
             "more": In(1),
@@ -43,6 +44,7 @@ class LinkRig(wiring.Component):
         connect(m, gate.texture_info, transmitter.texture_info)
         connect(m, flipped(self.points), points.i)
         connect(m, flipped(self.counts), points.counts)
+        connect(m, flipped(self.detection), points.detection)
         connect(m, flipped(self.info), points.info)
         connect(m, points.o, transmitter.points)
         connect(m, flipped(self.replies), transmitter.reply)

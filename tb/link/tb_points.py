@@ -5,7 +5,7 @@ import numpy as np
 from cocotb.triggers import ClockCycles, RisingEdge
 
 from hdl.link.points import Points
-from hdl.payloads import Counts, FrameInfo, Point
+from hdl.payloads import Counts, Detection, FrameInfo, Point
 from model.link.points import packets
 from tb.harness import Bench, parameters
 from tb.link.frames import EXTREMES, near_points, pattern_frame, random_points
@@ -20,30 +20,32 @@ def word(shape, **fields):
 
 
 def words(frame):
-    """Payload words of the three streams."""
+    """Payload words of the points, and of counts, detection and info."""
     points = [word(Point, **{name: int(point[name]) for name in point.dtype.names})
               for point in frame.points] + [word(Point, end=1)]
     counts = word(Counts, spots=frame.spots, rejected=frame.rejected, dropped=frame.dropped,
                   broken=frame.broken)
-    info = word(FrameInfo, number=frame.number, level=frame.level, skipped=frame.skipped,
-                learning=frame.learning, tag_exposure_us=frame.exposure_us,
-                tag_timestamp_us=frame.timestamp_us, tag_laser=frame.laser,
-                tag_capture=frame.capture, tripped=frame.tripped,
+    detection = word(Detection, learning=frame.learning, level=frame.level,
+                     noise=frame.grey_noise, saturated=frame.saturated)
+    info = word(FrameInfo, number=frame.number, skipped=frame.skipped,
+                tag_exposure_us=frame.exposure_us, tag_timestamp_us=frame.timestamp_us,
+                tag_laser=frame.laser, tag_capture=frame.capture, tripped=frame.tripped,
                 tables_valid=frame.tables_valid)
-    return points, counts, info
+    return points, counts, detection, info
 
 
 def make(dut, gap=0.0, stall=0.0, full=FULL):
-    return Bench(dut, inputs=("i", "counts", "info"), gap=gap, stall=stall, seed=SEED,
+    return Bench(dut, inputs=("i", "counts", "detection", "info"), gap=gap, stall=stall, seed=SEED,
                  plain={"full_records": full})
 
 
 def send(bench, frames):
     for frame in frames:
-        points, counts, info = words(frame)
+        points, counts, detection, info = words(frame)
         bench.info.append([info])
         bench.i.append(points)
         bench.counts.append([counts])
+        bench.detection.append([detection])
 
 
 async def check(bench, names, frames, full=FULL):
@@ -102,12 +104,12 @@ async def the_form_is_that_of_the_first_point(dut):
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
 async def waits_for_all_it_needs(dut):
-    """Nothing is offered before it is whole, or without info and counts."""
+    """Nothing is offered before it is whole, or without info, counts and detection."""
     bench = make(dut)
     await bench.reset()
     frame = pattern_frame(np.random.default_rng(SEED), random_points(
         np.random.default_rng(SEED), 30, 1.0))
-    points, counts, info = words(frame)
+    points, counts, detection, info = words(frame)
     bench.i.append(points[:5])
     await ClockCycles(dut.clk, 2000)
     assert len(bench.i.taken) == 5 and not bench.o.words
@@ -117,7 +119,11 @@ async def waits_for_all_it_needs(dut):
     bench.info.append([info])
     await ClockCycles(dut.clk, 9000)
     assert len(bench.i.taken) == 30 and bench.o.words
+    words_before = len(bench.o.words)
     bench.counts.append([counts])
+    await ClockCycles(dut.clk, 3000)
+    assert len(bench.o.words) == words_before
+    bench.detection.append([detection])
     await check(bench, ["frame"], [frame])
 
 
@@ -174,12 +180,13 @@ async def reset_forgets(dut, clocks):
     rng = np.random.default_rng(SEED)
     bench = make(dut)
     await bench.reset()
-    points, counts, info = words(pattern_frame(rng, random_points(rng, 20, 0.7)))
-    for name, value in [("i", points[3]), ("counts", counts), ("info", info)]:
+    points, counts, detection, info = words(pattern_frame(rng, random_points(rng, 20, 0.7)))
+    for name, value in [("i", points[3]), ("counts", counts),
+                        ("detection", detection), ("info", info)]:
         getattr(dut, f"{name}_payload").value = value
         getattr(dut, f"{name}_valid").value = 1
     await ClockCycles(dut.clk, clocks)
-    for name in ("i", "counts", "info"):
+    for name in ("i", "counts", "detection", "info"):
         getattr(dut, f"{name}_valid").value = 0
     await bench.reset()
     bench.o.words.clear()

@@ -26,7 +26,7 @@ class Rig(Bench):
 
     def __init__(self, dut, gap=0.0, stall=0.0, enable=1):
         super().__init__(dut, gap=gap, stall=stall, seed=SEED, plain={
-            "tag": 0, "tripped": 0, "tables_valid": 0, "threshold_valid": 0, "level": 0,
+            "tag": 0, "tripped": 0, "tables_valid": 0,
             "enable": enable, "bad_sync": 0, "overrun": 0})
         self.np_rng = np.random.default_rng(SEED)
         self.model = Texture(WIDTH, HEIGHT)

@@ -17,7 +17,7 @@ from tb.preprocessing.frames import grey_words
 
 SEED, WIDTH, HEIGHT = (parameters()[name] for name in ("seed", "width", "height"))
 DIVISOR = parameters()["divisor"]
-INPUTS = ("pixels", "points", "counts", "info", "replies")
+INPUTS = ("pixels", "points", "counts", "detection", "info", "replies")
 
 
 def reply(rng):
@@ -82,8 +82,9 @@ async def everything_at_once(dut, gap, full_records, flow):
         bench.pixels.append([int(word[0]) for word in grey_words(image)])
         frame = pattern_frame(np_rng, near_points(np_rng, int(np_rng.integers(0, 50)), 0.8))
         frames.append(frame)
-        points, counts, info = words(frame)
+        points, counts, detection, info = words(frame)
         bench.info.append([info])
+        bench.detection.append([detection])
         bench.points.append(points)
         bench.counts.append([counts])
         if rng.random() < 0.6:
@@ -122,8 +123,9 @@ async def points_wait_for_one_packet_at_most(dut):
     for _ in range(2):
         await bench.pixels.send([int(word[0]) for word in grey_words(
             np_rng.integers(1, 256, (HEIGHT, WIDTH)).astype(np.uint8))])
-    points, counts, info = words(pattern_frame(np_rng, near_points(np_rng, 5)))
+    points, counts, detection, info = words(pattern_frame(np_rng, near_points(np_rng, 5)))
     bench.info.append([info])
+    bench.detection.append([detection])
     bench.counts.append([counts])
     bench.points.append(points)
     while len(bench.points.taken) < 5:

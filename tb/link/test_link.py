@@ -17,8 +17,8 @@ from tb.link.noise import measure
 from tb.link.wire import Wire, bits_of_check, make_frame, packet, random_frame, stream
 from tb.system.stimuli import any_settings
 
-FIELDS = ("number", "level", "skipped", "exposure_us", "timestamp_us", "check", "spots", "ok",
-          "noise", "ambiguous", "rejected", "dropped")
+FIELDS = ("number", "level", "grey_noise", "saturated", "skipped", "exposure_us", "timestamp_us",
+          "check", "spots", "ok", "noise", "ambiguous", "rejected", "dropped")
 
 
 def clean(decoder):
@@ -83,7 +83,8 @@ def test_frames_of_the_model(case, full):
     flags = sum(getattr(frame, name) << bit for bit, name in enumerate(names, 1))
     told = make_frame(frame.points, frame.number, rejected=frame.rejected, dropped=frame.dropped,
                       flags=flags, **{name: getattr(frame, name) for name in (
-                          "level", "skipped", "exposure_us", "timestamp_us")})
+                          "level", "grey_noise", "saturated", "skipped", "exposure_us",
+                          "timestamp_us")})
     told["spots"] = frame.spots
     octets, _ = framer.frame(points_model.packets(frame, full), 250)
     assert octets == Wire(250).frame(told, full)

@@ -34,13 +34,12 @@ def calibrated(rig, seed, settings, planes=12):
     return calibrate_beams(spots, projector, lens, LensReport(0.05), Options(settings), settings)
 
 
-@pytest.mark.parametrize("name, seed, erosion, limit", [
-    *(("endoscope", seed, "gate", 0.0012) for seed in range(5)),
-    ("endoscope", 5, "erode", 0.007),
-    ("endoscope", 6, "erode", 0.007), ("demonstrator", 7, "gate", 0.0005),
-    ("demonstrator", 8, "gate", 0.0005)])
-def test_depth_is_as_good_as_promised(name, seed, erosion, limit):
-    settings = Settings(erosion=erosion, weighted=erosion == "gate")
+@pytest.mark.parametrize("name, seed, weighted, limit", [
+    *(("endoscope", seed, True, 0.0012) for seed in range(5)), ("endoscope", 5, False, 0.007),
+    ("endoscope", 6, False, 0.007), ("demonstrator", 7, True, 0.0005),
+    ("demonstrator", 8, True, 0.0005)])
+def test_depth_is_as_good_as_promised(name, seed, weighted, limit):
+    settings = Settings(weighted=weighted)
     result = calibrated(RIGS[name], seed, settings)
     budget = result.calibration.budget
     assert budget["depth_relative"] <= 1e-4 and budget["undistortion_px"] <= 0.01
@@ -99,7 +98,9 @@ def test_command_writes_calibration_and_picture(capture, tmp_path, capsys):
     for word in ("px RMS", "line separation", "depth range", "worst beam", "1/z"):
         assert word in text
     calibration = file.load(output)
-    assert calibration.settings == replace(calibration.settings, erosion="gate", weighted=True)
+    assert calibration.settings == replace(
+        calibration.settings, mean_window=9, fixed_noise=0, lit_gain=18, core_gain=40, dent_gain=4,
+        weighted=True)
     error, found = depth_errors(RIGS["endoscope"], calibration, ("plane",), 4, 23)
     assert error.mean() <= 0.0012 and found >= 0.97
     picture = cv2.imread(str(tmp_path / "calibration.png"))
@@ -108,13 +109,14 @@ def test_command_writes_calibration_and_picture(capture, tmp_path, capsys):
 
 def test_choices_go_into_the_file(capture, tmp_path):
     output = tmp_path / "calibration.json"
-    assert cli.main(["calibrate", capture, "-o", output, "--no-picture", "--erosion", "off",
-                     "--centre", "binary", "--threshold", "40", "--alpha", "3.5", "--area-min",
-                     "4", "--area-max", "200", "--depth-min", "45", "--depth-max", "100"]) == 0
+    assert cli.main(["calibrate", capture, "-o", output, "--no-picture", "--noise", "3",
+                     "--lit", "1.25", "--core", "2.25", "--dent", "0", "--window", "11",
+                     "--centre", "binary", "--area-min", "4", "--area-max", "200",
+                     "--depth-min", "45", "--depth-max", "100"]) == 0
     calibration = file.load(output)
     settings = calibration.settings
-    assert (settings.erosion, settings.weighted) == ("off", False)
-    assert (settings.level_fixed, settings.threshold_alpha) == (40, 56)
+    assert (settings.fixed_noise, settings.mean_window, settings.weighted) == (24, 11, False)
+    assert (settings.lit_gain, settings.core_gain, settings.dent_gain) == (20, 36, 0)
     assert (settings.area_min, settings.area_max) == (4, 200)
     assert (calibration.z_min, calibration.z_max) == (45, 100)
     assert [path.name for path in tmp_path.iterdir()] == ["calibration.json"]
@@ -147,12 +149,18 @@ def one_distance(path):
 @pytest.mark.parametrize("edit, options, message", [
     (lambda c: None, ["--preset", "paper", "--centre", "weighted"],
      "--preset paper has binary centres only"),
-    (lambda c: None, ["--threshold", "0"],
+    (lambda c: None, ["--preset", "paper", "--lit", "1"], "--lit is for the preset capsule only"),
+    (lambda c: None, ["--alpha", "5"], "--alpha is for the preset paper only"),
+    (lambda c: None, ["--noise", "0"], "--noise must be 0.125 to 63.8 or 'adaptive', not '0'"),
+    (lambda c: None, ["--core", "4"], "--core must be 0.0625 to 3.9, not 4"),
+    (lambda c: None, ["--window", "10"], "--window must be odd and 5 to 21, not 10"),
+    (lambda c: None, ["--preset", "paper", "--threshold", "0"],
      "--threshold must be 1 to 255 or 'adaptive', not '0'"),
-    (lambda c: None, ["--alpha", "16"], "--alpha must be 0 to 15.9, not 16"),
+    (lambda c: None, ["--preset", "paper", "--alpha", "16"], "--alpha must be 0 to 15.9, not 16"),
     (lambda c: None, ["--area-min", "0"], "--area-min must be 1 to 255, not 0"),
     (lambda c: None, ["--area-min", "9", "--area-max", "8"], "--area-min must not be above"),
-    (lambda c: None, ["--threshold", "255"], "No spots were found in 6 of the 6 plane frames"),
+    (lambda c: None, ["--noise", "63", "--core", "3.9"],
+     "No spots were found in 6 of the 6 plane frames"),
     (lambda c: None, ["--depth-min", "90", "--depth-max", "50"], "The depth range 90 to 50 mm is "),
     (lambda c: replace_in(c / "capture.toml", "columns = 7", "columns = 6"), [],
      "continue the 7 x 6 mesh"),
@@ -173,8 +181,9 @@ def one_distance(path):
      "pitch_deg in [projector] must"),
     (lambda c: replace_in(c / "capture.toml", "base_mm = [", "base_mm = [0, 1, 2] # "), [],
      "base_mm in [projector] must"),
-], ids=["preset", "threshold", "alpha", "area", "areas", "dark", "depth", "mesh", "board", "planes",
-        "size", "sensor", "turned", "one distance", "pitch", "base"])
+], ids=["preset", "lit", "of paper", "noise", "core", "window", "threshold", "alpha", "area",
+        "areas", "dark", "depth", "mesh", "board", "planes", "size", "sensor", "turned",
+        "one distance", "pitch", "base"])
 def test_command_refuses_in_one_sentence(capture, tmp_path, capsys, edit, options, message):
     folder = changed(capture, tmp_path, edit)
     output = tmp_path / "out.json"

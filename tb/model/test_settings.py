@@ -11,9 +11,9 @@ from tb.system.stimuli import any_settings
 
 
 @pytest.mark.parametrize("erosion", EROSION_MODES)
-@pytest.mark.parametrize("level", [None, 90])
-def test_a_chip_gives_back_what_it_was_loaded_with(erosion, level):
-    settings = any_settings(64, 64, 5, 3, erosion=erosion, level_fixed=level)
+@pytest.mark.parametrize("level, noise", [(None, 0), (90, 77)])
+def test_a_chip_gives_back_what_it_was_loaded_with(erosion, level, noise):
+    settings = any_settings(64, 64, 5, 3, erosion=erosion, level_fixed=level, fixed_noise=noise)
     settings = replace(settings, tangential_1=-3, tangential_2=(1 << 17) - 1)
     assert Settings.from_chip(settings.registers(), settings.tables()) == settings
 

@@ -14,7 +14,7 @@ __all__ = ["Chain", "last_point_latency", "spots_on_the_last_row"]
 
 
 class Chain(wiring.Component):
-    """Grey pixels to points at a fixed level, weighted centres, mode gate; tables all zero."""
+    """Grey pixels to points at fixed levels, weighted centres; tables all zero."""
 
     def __init__(self, config):
         self.config = config
@@ -31,9 +31,11 @@ class Chain(wiring.Component):
             ClockSignal("spot").eq(ClockSignal()),
             ResetSignal("spot").eq(ResetSignal()),
             points.counts.ready.eq(1),
+            points.frames.ready.eq(1),
+            points.detections.ready.eq(1),
             *(getattr(points, name).eq(value) for name, value in {
-                "threshold_fixed": 1, "threshold_level": 100, "erosion_mode": 2, "weighted": 1,
-                "area_min": 1, "area_max": 255}.items()),
+                "fixed_noise": 80, "lit_gain": 18, "core_gain": 40, "weighted": 1, "area_min": 1,
+                "area_max": 255}.items()),
         ]
         return m
 
@@ -44,7 +46,7 @@ def spots_on_the_last_row(config, spots=64):
     pitch = config.width / spots
     for spot in range(spots):
         left = int(spot * pitch)
-        # Upright, so that every spot has a core, and of its own weight.
+        # Each of its own weight.
         image[-5:, left:left + 3] = 120 + spot
     return image
 

@@ -12,11 +12,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-__all__ = ["LEVEL", "Photograph", "photographs"]
+__all__ = ["NOISE", "Photograph", "photographs"]
 
 WIDTH, HEIGHT = 352, 288
-#: Fixed threshold for the flattened photographs.
-LEVEL = 60
+#: Fixed noise for the flattened photographs, in eighths of a grey value.
+NOISE = 80
 _TOP_HAT = 55  # px of the photograph; a dot has about 40
 _FRAMES = 10
 _FARTHEST = 3.0  # px between a dot and its reference, to be the same dot

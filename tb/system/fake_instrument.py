@@ -26,7 +26,7 @@ _RADIAL = next(table.number for table in TABLES if table.name == "radial")
 def any_calibration(width=64, height=64, rows=3, columns=3, seed=1, **changes):
     """A calibration that fits the sensor, though no real rig made it."""
     settings = any_settings(width, height, rows * columns, seed, report_rejected=False,
-                            level_fixed=60, **changes)
+                            fixed_noise=160, **changes)
     lens = Lens(width, height, 0.85 * width, (width - 1) / 2 + 1.3, (height - 1) / 2 - 0.7, -0.12,
                 0.02, 5e-4, -4e-4)
     beam = Beam(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, None, 0.0, 0.0, 1.0, 2)
@@ -149,6 +149,7 @@ class FakeInstrument:
         seen = self._model.frame(self.shown[self.pattern(self.number)])
         frame = make_frame(
             seen.points, self.number, rejected=seen.rejected, level=int(seen.level),
+            grey_noise=seen.grey_noise, saturated=seen.saturated,
             exposure_us=self.registers["pattern_us"], timestamp_us=self._next,
             flags=int(seen.learning) << 1 | lit << 3 | state)
         self._send(self._wire.frame(frame, bool(self.registers["full_records"])))

@@ -12,7 +12,7 @@ from hdl.acquisition.frame_gate import FrameGate
 from hdl.common.sram import SRAMPins, SRAMPort
 from hdl.common.stage import Stage
 from hdl.paper_points import REMAP_BASE, PaperPoints
-from hdl.payloads import Counts, FrameInfo, GreyPixel, MemoryCommand, Point
+from hdl.payloads import Counts, Detection, FrameInfo, GreyPixel, MemoryCommand, Point
 from hdl.protocol import TABLES
 from model.link.points import POINT
 from model.preprocessing.remap import pack_remap
@@ -46,12 +46,13 @@ class Inward(data.Struct):
 
 
 class Outward(data.Struct):
-    """A point, a frame's counts, or its announcement."""
+    """A point, a frame's counts, or its announcement and how its spots were detected."""
 
     kind: 2
     point: Point
     counts: Counts
     frame: FrameInfo
+    detection: Detection
 
 
 class PaperRig(wiring.Component):
@@ -95,7 +96,6 @@ class PaperRig(wiring.Component):
             points.table_data.eq(self.i.p.table.word),
             self.i.ready.eq(table | (pixel & gate.i.ready)
                             | (memory & port.command[2].ready)),
-            gate.threshold_valid.eq(1),
             points.i.valid.eq(gate.o.valid),
             points.i.payload.eq(gate.o.payload),
             gate.o.ready.eq(1),
@@ -105,10 +105,12 @@ class PaperRig(wiring.Component):
         ]
         connect(m, gate.info, points.info)
         connect(m, out.o, flipped(self.o))
-        with m.If(points.frames.valid):
+        with m.If(points.frames.valid & points.detections.valid):
             m.d.comb += [out.i.valid.eq(1), out.i.p.kind.eq(_FRAME),
                          out.i.p.frame.eq(points.frames.p),
-                         points.frames.ready.eq(out.i.ready)]
+                         out.i.p.detection.eq(points.detections.p),
+                         points.frames.ready.eq(out.i.ready),
+                         points.detections.ready.eq(out.i.ready)]
         with m.Elif(points.o.valid):
             m.d.comb += [out.i.valid.eq(1), out.i.p.kind.eq(_POINT), out.i.p.point.eq(points.o.p),
                          points.o.ready.eq(out.i.ready)]
@@ -236,7 +238,7 @@ def frames_of(beats):
         of_count, of_frame = fields[count], fields[frame]
         frames.append(Measured(
             points=points, number=int(of_frame["frame_number"]),
-            level=int(of_frame["frame_level"]), skipped=int(of_frame["frame_skipped"]),
+            level=int(of_frame["detection_level"]), skipped=int(of_frame["frame_skipped"]),
             **{name: int(of_count[f"counts_{name}"]) for name in ("spots", "rejected", "dropped")},
             broken=bool(of_count["counts_broken"]),
             clocks=int(max(beats.clocks[end], beats.clocks[count]) - beats.taken[0]),

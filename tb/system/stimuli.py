@@ -34,7 +34,7 @@ def any_settings(width, height, beams, seed=1, **changes):
         line=tuple(int(word) for word in pack_line(slope, offset)),
         window=tuple(int(word) for word in pack_window(tolerance.astype(int), u_min, u_max)),
         depth=tuple(int(word) for word in pack_depth(alpha, beta)),
-        **tables, **{"threshold_alpha": 64, "report_rejected": True, **changes})
+        **tables, **{"report_rejected": True, **changes})
 
 
 def spot_frame(width, height, seed, spots=40, background=24, noise=2.0):
@@ -56,7 +56,8 @@ def random_frame(width, height, seed):
     rng = np.random.default_rng([seed, 7])
     kind = seed % 5
     if kind < 2:
-        return spot_frame(width, height, seed, spots=int(rng.integers(1, width * height // 300)))
+        most = max(2, width * height // 300)
+        return spot_frame(width, height, seed, spots=int(rng.integers(1, most)))
     if kind == 2:
         image = rng.normal(30, 3, (height, width))
         image[rng.random(image.shape) < 0.004] = 200

@@ -6,6 +6,7 @@ import time
 import cocotb
 from cocotb.triggers import ClockCycles, RisingEdge, ValueChange
 
+from hdl.capsule import Capsule
 from hdl.protocol import TABLES
 from scripts.host.decoder import Decoder
 from tb.harness import parameters
@@ -26,8 +27,8 @@ class Rig:
         dut.rst.value = 1
         divisor = self.case.get("divisor", 1)
         registers = {**settings.registers(), "divisor": divisor, "full_records": 1}
-        for name, value in registers.items():
-            getattr(dut, name).value = value
+        for name in registers.keys() & Capsule.registers.keys():
+            getattr(dut, name).value = registers[name]
         await ClockCycles(dut.clk, 4)
         dut.rst.value = 0
         await ClockCycles(dut.clk, 4)

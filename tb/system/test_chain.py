@@ -6,9 +6,9 @@ from hdl.config import PRESETS
 from tb.system.chain import last_point_latency
 
 
-def test_last_point_comes_within_three_rows_and_1000_clocks():
+def test_last_point_comes_within_seven_rows_and_1000_clocks():
     """64 spots that all end on the last row, eight lanes; clocks, not seconds."""
     config = replace(PRESETS["capsule"], lanes=8)
     clocks, points = last_point_latency(config)
     assert points == 64
-    assert clocks <= 3 * config.width + 1000
+    assert clocks <= (3 + config.mean_window // 2) * config.width + 1000

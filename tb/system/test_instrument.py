@@ -82,12 +82,13 @@ def test_video_rate():
     row, column = np.mgrid[:288, :352]
     images = {
         "isolated pixels": np.where((row % 2 == 0) & (column % 2 == 0), 200, 20),
+        "small blocks": np.where((row % 4 < 2) & (column % 4 < 2), 200, 20),
         "white": np.full((288, 352), 255), "black": np.zeros((288, 352)),
         "largest areas": np.where((row % 17 < 15) & (column % 18 < 16), 220, 20),
         "points": spot_frame(352, 288, 5, spots=49),
     }
-    settings = any_settings(352, 288, config.beams, 3, level_fixed=100, area_min=1,
-                            report_rejected=False, erosion="off")
+    settings = any_settings(352, 288, config.beams, 3, fixed_noise=200, area_min=1,
+                            report_rejected=False)
     bench = Whole(config, settings, [], mode=Mode.CONTINUOUS)
     for kind, image in images.items():
         # One load for all of them: it takes longer than the frames.
@@ -159,7 +160,7 @@ def test_bad_sync_costs_one_frame(fault):
     later = [frame for frame in bench.frames if frame.index > bad[0].index]
     assert later[0].index == bad[0].index + 2 and later[0].ok + later[0].noise > 0
     assert bench.commands.status()["bad_sync"] == 1
-    # What the model says of these images, at the level that the chip had learnt before.
+    # What the model says of these images, at the levels that the chip had learnt before.
     assert len(later) >= 3 and all(frame.verified for frame in later)
 
 
@@ -256,7 +257,7 @@ def test_pictures_for_a_calibration():
 
 
 @pytest.mark.parametrize("config,model,settings_of", [
-    (SMALL, Model, lambda seed: small(seed, level_fixed=60)),
+    (SMALL, Model, lambda seed: small(seed, fixed_noise=160)),
     (VIDEO, Paper, lambda seed: paper_settings(
         VIDEO, seed=seed, level_fixed=60, area_min=5, report_rejected=False)),
 ], ids=["capsule", "paper"])
@@ -308,7 +309,7 @@ def test_modes(mode):
 
 def test_exposure_changes_with_its_frame():
     """From the frame on that says so, and with no other."""
-    bench = Whole(SMALL, small(10, level_fixed=80), spots(10), mode=Mode.CONTINUOUS)
+    bench = Whole(SMALL, small(10, fixed_noise=200), spots(10), mode=Mode.CONTINUOUS)
     bench.run(3 * PERIOD_US)
     bench.commands.write("pattern_us", 321)
     bench.commands.write("texture_us", 7654)
@@ -321,7 +322,7 @@ def test_exposure_changes_with_its_frame():
 
 def test_too_long_a_pattern_is_cut():
     """A register beyond the ceiling: one millisecond of light in 40, flagged."""
-    bench = Whole(SMALL, small(11, level_fixed=80), spots(11), mode=Mode.CONTINUOUS,
+    bench = Whole(SMALL, small(11, fixed_noise=200), spots(11), mode=Mode.CONTINUOUS,
                   pattern_us=2500)
     bench.run(5 * PERIOD_US)
     assert bench.assert_light_is_safe() >= 3

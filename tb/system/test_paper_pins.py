@@ -139,9 +139,14 @@ def test_wants_a_config():
 def test_members_are_those_of_the_capsule_and_more():
     """So that one instrument can hold either."""
     from hdl.capsule import Capsule
+    from hdl.capsule_points import CapsulePoints
     from hdl.paper import BOARD
+    from hdl.paper_points import PaperPoints
+    from hdl.reconstruction import Reconstruction
     paper, capsule = (top(PRESETS[name]).signature.members for top, name in (
         (Paper, "paper"), (Capsule, "capsule")))
     board = {*BOARD, "memory", "memory_word", "display_faults"}
-    common = {name: capsule[name] for name in capsule if name != "weighted"}
-    assert {name: paper[name] for name in paper if name not in board} == common
+    common = capsule.keys() - (CapsulePoints.registers.keys() - Reconstruction.registers.keys())
+    own = PaperPoints.registers.keys() - Reconstruction.registers.keys()
+    assert paper.keys() - board - own == common
+    assert all(paper[name] == capsule[name] for name in common)

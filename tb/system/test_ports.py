@@ -14,6 +14,7 @@ from hdl.paper import Paper
 from hdl.ports import TABLE_PORT, register_ports, register_shape
 from hdl.preprocessing.erosion import Erosion
 from hdl.preprocessing.labelling import Labelling
+from hdl.preprocessing.noise import Noise
 from hdl.preprocessing.threshold import Threshold
 from hdl.protocol import registers
 
@@ -24,6 +25,7 @@ RENAMED = {
     "threshold_fixed": (Threshold(64, 64), "fixed"),
     "threshold_level": (Threshold(64, 64), "fixed_level"),
     "erosion_mode": (Erosion(64), "mode"),
+    "fixed_noise": (Noise(64, 64), "fixed_noise"),
     "weighted": (Labelling(64, 64), "weighted"),
     "points_max": (PointLimiter(), "limit"),
 }
@@ -31,7 +33,9 @@ RENAMED = {
 
 @pytest.mark.parametrize("top", [Capsule, Paper])
 def test_every_register_is_used(top):
-    unused = {"weighted"} if top is Paper else set()
+    unused = {
+        Paper: {"weighted", "fixed_noise", "lit_gain", "core_gain", "dent_gain"},
+        Capsule: {"threshold_fixed", "threshold_level", "threshold_alpha", "erosion_mode"}}[top]
     assert {*Sequencer.registers, *top.registers} == SHAPES.keys() - unused
     assert not Sequencer.registers.keys() & top.registers.keys()
 

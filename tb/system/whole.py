@@ -28,10 +28,11 @@ def same(frame, wanted):
         listed = np.concatenate([listed[status == 0], listed[status != 0][:10]])
         ok = listed["status"] == 0
         listed["beam"][~ok] = frame.points["beam"][~ok] if len(frame.points) == len(ok) else 0
-    return (frame.level, frame.spots, frame.ok, frame.noise, frame.ambiguous, frame.rejected,
-            frame.dropped, frame.learning) == (
-        wanted.level, wanted.spots, *counts[:3], counts[3] + wanted.rejected, wanted.dropped,
-        wanted.learning) and np.array_equal(frame.points, listed) and frame.verified is True
+    return (frame.level, frame.grey_noise, frame.saturated, frame.spots, frame.ok, frame.noise,
+            frame.ambiguous, frame.rejected, frame.dropped, frame.learning) == (
+        wanted.level, wanted.grey_noise, wanted.saturated, wanted.spots, *counts[:3],
+        counts[3] + wanted.rejected, wanted.dropped, wanted.learning) and np.array_equal(
+            frame.points, listed) and frame.verified is True
 
 
 class Whole:

@@ -22,7 +22,7 @@ from model.settings import Settings
 __all__ = ["FORMAT", "VERSION", "Beam", "Calibration", "decode", "encode", "load", "save"]
 
 FORMAT = "cyclope calibration"
-VERSION = 2
+VERSION = 1
 #: Octets of a file; 128 beams need a tenth of them.
 _MOST = 1 << 20
 

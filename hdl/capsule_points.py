@@ -163,7 +163,7 @@ class CapsulePoints(wiring.Component):
             stored.w_data.eq(detection),
             detection.learning.eq(~noise.valid),
             detection.level.eq(noise.lit),
-            detection.noise.eq(noise.noise),
+            detection.noise.eq(noise.grey_noise),
             detection.saturated.eq(saturated + pixel.saturated),
         ]
         with m.If(noise.i.valid):

@@ -54,7 +54,7 @@ class Noise(wiring.Component):
         Depth of a dent, unsigned Q8.2; 0: there are none.
     valid : :py:`Out(1)`
         There are levels: a frame has been seen, or the noise is fixed.
-    noise : :py:`Out(9)`
+    grey_noise : :py:`Out(9)`
         What the levels are multiples of: the noise of the last whole frame, or the fixed one.
 
     Attributes
@@ -78,7 +78,7 @@ class Noise(wiring.Component):
             **self.registers,
             "lit": Out(_LEVEL_BITS), "core": Out(_LEVEL_BITS), "dent": Out(_DENT_BITS),
             "valid": Out(1),
-            "noise": Out(NOISE_BITS),
+            "grey_noise": Out(NOISE_BITS),
         })
 
     def elaborate(self, platform):
@@ -189,5 +189,5 @@ class Noise(wiring.Component):
             self.valid.eq(learnt | fixed),
         ]
         with m.If(apply):
-            m.d.sync += [learnt.eq(~fixed), self.noise.eq(noise), self.lit.eq(new["lit"]),
+            m.d.sync += [learnt.eq(~fixed), self.grey_noise.eq(noise), self.lit.eq(new["lit"]),
                          self.core.eq(new["core"]), self.dent.eq(new["dent"])]

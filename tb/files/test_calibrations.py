@@ -40,7 +40,7 @@ def drop(*path):
 
 #: What is done to the content of a good file, and words of the sentence.
 FORGED = {
-    "version": (put("version", value=1), "is of version 1, this program reads version 2"),
+    "version": (put("version", value=2), "is of version 2, this program reads version 1"),
     "version of digits": (put("version", value="9" * 900), "is of version 9999"),
     "no version": (drop("version"), "is of version None"),
     "version list": (put("version", value=[1]), "is of version [1]"),

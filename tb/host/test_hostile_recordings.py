@@ -61,7 +61,7 @@ def all_kinds(wire):
 
 def wide(wire):
     """Counts of 65,535 and not one point."""
-    return wire.packet(0x53, b"\4" + bytes([4, 0]) + bytes(9) + b"\xff" * 14 + b"\x49")
+    return wire.packet(0x53, b"\4" + bytes([4, 0]) + bytes(15) + b"\xff" * 14 + b"\x49")
 
 
 def never_ending(wire):

@@ -105,7 +105,7 @@ def test_missing_file_and_folder_are_refused(tmp_path, calibration):
 
 
 @pytest.mark.parametrize("old, new, message", [
-    (b'"version": 2', b'"version": 1', "is of version 1, this program reads version 2"),
+    (b'"version": 1', b'"version": 2', "is of version 2, this program reads version 1"),
     (b'"cyclope calibration"', b'"something else"', "is not a calibration file"),
     (b'"inverse_z_unit"', b'"unit"', "the file lacks inverse_z_unit"),
     (b'"erosion": "gate"', b'"erosion": "what"', "erosion of settings must be one of off, erode"),

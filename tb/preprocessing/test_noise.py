@@ -12,7 +12,7 @@ from hdl.preprocessing.noise import Noise
 from model.preprocessing.noise import Levels, frame_noise, learning_rows, levels
 from tb.native_block import NativeBlock, pack
 
-_LEVELS = data.StructLayout({"lit": 12, "core": 12, "dent": 10, "noise": 9, "valid": 1})
+_LEVELS = data.StructLayout({"lit": 12, "core": 12, "dent": 10, "grey_noise": 9, "valid": 1})
 _REGISTERS = ("lit_gain", "core_gain", "dent_gain", "fixed_noise")
 
 

@@ -150,7 +150,7 @@ class Noise(wiring.Component):
 
     def _levels(self, m):
         """Products of the noise with the three gains, a bit of a gain a clock, the lowest first."""
-        noise = Signal(NOISE_BITS)
+        applied = Signal(NOISE_BITS)
         product = Signal(NOISE_BITS + _GAIN_BITS)
         gain = Signal(_GAIN_BITS)
         left = Signal(_GAIN_BITS)
@@ -158,8 +158,8 @@ class Noise(wiring.Component):
         fixed, learnt = Signal(), Signal()
         m.d.comb += [
             fixed.eq(self.fixed_noise.any()),
-            noise.eq(Mux(fixed, self.fixed_noise, self._root)),
-            upper.eq(product[_GAIN_BITS:] + Mux(gain[0], noise, 0)),
+            applied.eq(Mux(fixed, self.fixed_noise, self._root)),
+            upper.eq(product[_GAIN_BITS:] + Mux(gain[0], applied, 0)),
         ]
         new = {name: Signal(shape, name=f"new_{name}") for name, shape in (
             ("lit", _LEVEL_BITS), ("core", _LEVEL_BITS), ("dent", _DENT_BITS))}
@@ -189,5 +189,5 @@ class Noise(wiring.Component):
             self.valid.eq(learnt | fixed),
         ]
         with m.If(apply):
-            m.d.sync += [learnt.eq(~fixed), self.grey_noise.eq(noise), self.lit.eq(new["lit"]),
+            m.d.sync += [learnt.eq(~fixed), self.grey_noise.eq(applied), self.lit.eq(new["lit"]),
                          self.core.eq(new["core"]), self.dent.eq(new["dent"])]

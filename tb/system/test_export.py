@@ -235,7 +235,7 @@ def test_tables_are_what_the_settings_load(tmp_path):
         assert [(int(address, 16), int(word, 16)) for address, word in read] == [
             *enumerate(words)]
     registers = (tmp_path / "tables" / "REGISTERS.md").read_text()
-    assert "| `tangential_1` | 262143 |" in registers and "| `area_min` | 3 |" in registers
+    assert "| `tangential_1` | 262143 |" in registers and "| `area_min` | 2 |" in registers
     assert texts.keys() == {table.name for table in TABLES}
 
 

@@ -22,6 +22,7 @@ COMMANDS = {
     "simulate": "write a capture folder of a simulated rig",
     "calibrate": "learn a rig from its capture folder",
     "run": "measure frames: 3-D points, pictures and a summary",
+    "spots": "find the spots of any images, without a calibration",
     "emulate": "put the simulated instrument behind a pseudo-terminal",
     "load": "load a calibration into the chip, start and stop it",
     "receive": "receive from the chip: points, textures, a recording",

@@ -2,6 +2,7 @@
 
 import tempfile
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -76,17 +77,22 @@ _NEAR_PX = 3.0
 
 def _calibration(case, rig, seed):
     """From a capture of its own; conditions are those of the frames to measure alone."""
+    return _calibrated(rig, case.centre == "weighted", case.preset == "paper", seed)
+
+
+@lru_cache(maxsize=8)
+def _calibrated(rig, weighted, paper, seed):
     from calibration.calibrate import Options, calibrate
     from calibration.capture import read_capture
     from model.optics import capture
     from model.settings import Settings
 
-    paper = {"erosion": "erode", "area_min": 3} if case.preset == "paper" else {}
-    settings = Settings(weighted=case.centre == "weighted", **paper)
+    settings = Settings(
+        weighted=weighted, **({"erosion": "erode", "area_min": 3} if paper else {}))
     with tempfile.TemporaryDirectory() as folder:
         capture.write(folder, "plane", rig, seed, frames=1)
         return calibrate(read_capture(folder), Options(
-            settings=settings, remapped=case.preset == "paper")).calibration
+            settings=settings, remapped=paper)).calibration
 
 
 def _frames(case, rig, seed):

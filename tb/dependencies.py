@@ -32,14 +32,16 @@ __all__ = ["PACKAGES", "Dependencies", "tools"]
 PACKAGES = ("hdl", "model", "calibration", "scripts", "tb")
 #: Folders of what is built, and of no concern.
 _LEFT_OUT = {".git", ".venv", "build", "out", "__pycache__", ".pytest_cache", ".ruff_cache"}
-_DOCUMENTS = (".md", ".png", "LICENSE", ".gitignore", ".editorconfig")
+_DOCUMENTS = (".md", ".png", "LICENSE", ".gitignore", ".editorconfig", ".txt")
 #: Names of what finds files or modules that no import tells of.
 _SEARCHES = {"import_module", "__import__", "glob", "rglob", "iterdir", "listdir", "scandir",
              "walk", "walk_packages", "iter_modules", "exec", "eval", "runpy", "run_path",
              "spec_from_file_location"}
 _PROCESSES = {"subprocess", "Popen", "system", "popen", "spawnv", "multiprocessing"}
-#: Their processes are simulators and provers, which get what they read from them; and this file.
-_KNOWN = {"tb/hdlsim.py", "tb/formal/symbiyosys.py", "tb/dependencies.py"}
+#: Their processes are simulators, provers and compilers, which get what they read from them, and
+#: they look for files in folders of what is built only; and this file.
+_KNOWN = {"tb/hdlsim.py", "tb/formal/symbiyosys.py", "scripts/simulation/compiler.py",
+          "tb/dependencies.py"}
 _MODULE = re.compile(rf"\b(?:{'|'.join(PACKAGES)})(?:\.\w+)+")
 #: The beginning of a module's name, to which something is added.
 _PART = re.compile(rf"\b(?:{'|'.join(PACKAGES)})(?:\.\w+)*\.(?:\w+_)?$")

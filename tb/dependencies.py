@@ -32,7 +32,7 @@ __all__ = ["PACKAGES", "Dependencies", "tools"]
 PACKAGES = ("hdl", "model", "calibration", "scripts", "tb")
 #: Folders of what is built, and of no concern.
 _LEFT_OUT = {".git", ".venv", "build", "out", "__pycache__", ".pytest_cache", ".ruff_cache"}
-_DOCUMENTS = (".md", ".png", "LICENSE", ".gitignore", ".editorconfig", ".txt")
+_DOCUMENTS = (".md", ".png", "LICENSE", ".gitignore", ".editorconfig", "durations.txt")
 #: Names of what finds files or modules that no import tells of.
 _SEARCHES = {"import_module", "__import__", "glob", "rglob", "iterdir", "listdir", "scandir",
              "walk", "walk_packages", "iter_modules", "exec", "eval", "runpy", "run_path",

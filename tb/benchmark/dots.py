@@ -128,9 +128,13 @@ def scores_of(folder=FOLDER, **changes):
 def main(arguments=None):
     """Print the scores of a folder."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    scores = []
+    folder, scores = Path(arguments[0]) if arguments else FOLDER, []
+    if not (folder / "sets.json").is_file():
+        print(f"{folder} has no sets.json: name a folder of images with known dots.",
+              file=sys.stderr)
+        return 2
     print(f"{'image':14} {'dots':>5} {'recall':>7} {'precision':>9} {'F':>6}")
-    for each in scores_of(Path(arguments[0]) if arguments else FOLDER):
+    for each in scores_of(folder):
         scores.append(each)
         print(f"{each.name:14} {each.dots:5} {each.recall:7.3f} {each.precision:9.3f} "
               f"{each.f:6.3f}")

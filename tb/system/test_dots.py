@@ -43,6 +43,11 @@ def test_rtl_is_the_model_on_real_images():
     assert all(frame.spots > 10 and not frame.dropped for frame in got[1::2])
 
 
+def test_a_folder_without_known_dots_is_named(tmp_path, capsys):
+    assert dots.main([str(tmp_path)]) == 2
+    assert f"{tmp_path} has no sets.json" in capsys.readouterr().err
+
+
 def test_score_of_known_spots():
     """Found, missed, false, twice, outside of the region; by hand."""
     truth = np.array([[10.0, 10], [20, 10], [30, 10], [90, 90]])

@@ -198,7 +198,7 @@ class FrameInfo(data.Struct):
 
 
 class Detection(data.Struct):
-    """How a frame's spots were told from its background, known when its last pixel has passed.
+    """How a frame's spots were separated from its background, known when its last pixel has passed.
 
     ``learning`` tells that there was no level yet. ``level`` is the one from which on pixels were
     lit, unsigned Q8.4, ``noise`` what it is a multiple of, in eighths of a grey value.

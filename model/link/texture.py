@@ -71,7 +71,7 @@ class Texture:
         image : array (height, width) of uint8
             Its pixels; not used if it is broken.
         info : :class:`TextureFrame`
-            What is told of it.
+            What is reported of it.
         """
         self._due = info
         if not info.broken:

@@ -1,4 +1,4 @@
-"""What the laser guard will not like, known before the chip is told to do it."""
+"""What will trip the laser guard, known before the chip is commanded to do it."""
 
 from hdl.config import FRAME_US
 from hdl.protocol import GUARD_LIMITS_US, Mode

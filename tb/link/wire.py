@@ -168,7 +168,7 @@ class Wire:
 
     def texture_frame(self, number, *, skipped=0, exposure_us=10_000, timestamp_us=0, bad_sync=0,
                       overrun=0, flags=0xC0):
-        """What is told of a texture frame."""
+        """What is reported of a texture frame."""
         return self.packet(
             0x59, bytes([number & 0xFF]) + (number & 0xFFFF).to_bytes(2, "little")
             + bytes([skipped]) + exposure_us.to_bytes(2, "little")

@@ -16,7 +16,7 @@ from calibration.reciprocal import reciprocal_table
 from calibration.remap import remap_settings
 from calibration.spots import plane_spots
 from calibration.tables import Tables, Windows, build_tables, choose_windows
-from calibration.undistortion import undistortion_settings
+from calibration.undistortion import BORDER_PX, undistortion_settings
 from calibration.usable import (
     check_distances,
     drop_scattered,
@@ -86,8 +86,7 @@ def _undistortion_error(lens, settings):
     inside = np.asarray(inside, bool)
     exact_x, exact_y = lens.undistort(u / 512, v / 512)
     inside &= np.isfinite(exact_x) & (
-        np.hypot(u / 512 - lens.principal_u, v / 512 - lens.principal_v)
-        < (lens.usable_px or np.inf) - 1.5)
+        lens.distance_px(u / 512, v / 512) < (lens.usable_px or np.inf) - BORDER_PX)
     error = np.hypot(np.asarray(x) / 512 - exact_x, np.asarray(y) / 512 - exact_y)
     return float(error[inside].max())
 

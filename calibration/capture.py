@@ -13,11 +13,11 @@ from calibration.csv_table import read_table
 from calibration.files import list_names, read_octets, unused_files
 from calibration.image import LARGEST, SUFFIXES, image_size, read_image
 from calibration.projector import Projector
+from hdl.protocol import MOST_BEAMS
 from model.errors import UserError
 
 __all__ = ["Capture", "read_capture", "read_image"]
 
-MOST_BEAMS = 128
 #: Larger lengths are typing errors.
 MOST_MM, MOST_PX = 100_000, 100_000
 #: Octets of a capture.toml; it needs a few hundred.

@@ -195,12 +195,11 @@ def _check(fit, focal_px):
             f"The chessboard corners fit a lens only to {fit.rms_px:.2f} px RMS (at most "
             f"{MAX_RMS_PX} px): check board_columns, board_rows and focal_px, and that the board "
             "is flat.")
-    sigma = fit.sigma("focal") / abs(lens.focal)
-    if not sigma < REFUSED_FOCAL:
+    if not fit.focal_sigma < REFUSED_FOCAL:
         raise UserError(
             f"The chessboard photographs do not determine the lens (focal length {lens.focal:.0f} "
-            f"px +-{sigma:.0%}, at most {REFUSED_FOCAL:.0%}): the boards are too nearly square to "
-            f"the axis, or too small; {_TILT}.")
+            f"px +-{fit.focal_sigma:.0%}, at most {REFUSED_FOCAL:.0%}): the boards are too nearly "
+            f"square to the axis, or too small; {_TILT}.")
     inside = 0 < lens.principal_u < lens.width - 1 and 0 < lens.principal_v < lens.height - 1
     if not inside or not 0.5 < lens.focal / focal_px < 2:
         raise UserError(
@@ -210,19 +209,20 @@ def _check(fit, focal_px):
             "photograph to the next.")
 
 
-def _flags(fit, sigma_px, outliers):
+def _flags(fit, outliers):
     """What is doubtful about a fit, in sentences."""
     flags = []
     if len(outliers) >= _MANY_OUTLIERS:
         flags.append(f"The photographs {', '.join(outliers)} do not fit the lens of the others and "
                      "were left out: were they taken by another camera, or at another focus?")
-    sigma = fit.sigma("focal") / fit.lens.focal
-    if sigma > FLAGGED_FOCAL:
-        flags.append(f"The photographs hardly determine the focal length (+-{sigma:.1%}; good is "
-                     f"below {FLAGGED_FOCAL:.0%}), so focal_px was used too: {_TILT}.")
-    if sigma_px > FLAGGED_PRINCIPAL_PX:
-        flags.append(f"The photographs hardly determine the principal point (+-{sigma_px:.1f} px; "
-                     f"good is below {FLAGGED_PRINCIPAL_PX:g} px): {_TILT}.")
+    if fit.focal_sigma > FLAGGED_FOCAL:
+        flags.append("The photographs hardly determine the focal length "
+                     f"(+-{fit.focal_sigma:.1%}; good is below {FLAGGED_FOCAL:.0%}), so focal_px "
+                     f"was used too: {_TILT}.")
+    if fit.principal_sigma_px > FLAGGED_PRINCIPAL_PX:
+        flags.append("The photographs hardly determine the principal point "
+                     f"(+-{fit.principal_sigma_px:.1f} px; good is below "
+                     f"{FLAGGED_PRINCIPAL_PX:g} px): {_TILT}.")
     return tuple(flags)
 
 
@@ -262,17 +262,15 @@ def fit_lens(names, corners, size, board, focal_px, missing=()):
     fit, views, kept, outliers = best
     other_camera(board, views, kept, fit)
     _check(fit, focal_px)
-    focal_sigma = fit.sigma("focal") / fit.lens.focal
-    flags = _flags(fit, max(fit.sigma("principal_u"), fit.sigma("principal_v")), outliers)
+    focal_sigma, flags = fit.focal_sigma, _flags(fit, outliers)
     if focal_sigma > FLAGGED_FOCAL:
         spread = fit.rms_px / np.sqrt(2)
         fit = fit_boards(board, views, fit.names, fit.lens, fit.poses,
                          (focal_px, _NOMINAL_SIGMA * focal_px, spread))
         _check(fit, focal_px)
     lens = bounded(fit, np.concatenate(views))
-    sigma_px = max(fit.sigma("principal_u"), fit.sigma("principal_v"))
     return lens, LensReport(
         rms_px=fit.rms_px, used=tuple(kept), view_rms_px=tuple(fit.view_rms_px.tolist()),
         without_board=tuple(missing), outliers=tuple(outliers),
-        focal_sigma=focal_sigma, scale_sigma=fit.sigma("focal") / lens.focal,
-        principal_sigma_px=sigma_px, flags=flags)
+        focal_sigma=focal_sigma, scale_sigma=fit.focal_sigma,
+        principal_sigma_px=fit.principal_sigma_px, flags=flags)

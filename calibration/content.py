@@ -8,7 +8,7 @@ from calibration.lens import Lens
 from calibration.projector import Projector
 from calibration.radial import MODELS
 from calibration.remap import remap_table
-from hdl.protocol import MEAN_WINDOW_PIXELS, TABLES, registers
+from hdl.protocol import MEAN_WINDOW_PIXELS, MOST_BEAMS, TABLES, registers
 from model.preprocessing.remap import pack_remap
 from model.settings import EROSION_MODES, Settings
 
@@ -16,7 +16,6 @@ __all__ = ["checked_content"]
 
 #: Lengths in mm or pixels, and anything else that is a plain number.
 _MOST_LENGTH, _MOST_NUMBER = 1e6, 1e9
-_MOST_BEAMS = 128
 #: Characters of a remark.
 _MOST_TEXT = 400
 
@@ -43,13 +42,13 @@ def _lens(sensor, content):
 def _projector(content):
     section = Section("projector", content, _names(Projector))
     projector = Projector(
-        rows=section.integer("rows", 1, _MOST_BEAMS),
-        columns=section.integer("columns", 1, _MOST_BEAMS),
+        rows=section.integer("rows", 1, MOST_BEAMS),
+        columns=section.integer("columns", 1, MOST_BEAMS),
         base_mm=section.numbers("base_mm", 3, -_MOST_LENGTH, _MOST_LENGTH),
         **{name: section.number(name, -180, 180)
            for name in ("pitch_deg", "rotation_deg", "toe_in_deg", "tilt_deg")})
-    if projector.beams > _MOST_BEAMS:
-        raise InvalidError(f"its projector has more than {_MOST_BEAMS} beams")
+    if projector.beams > MOST_BEAMS:
+        raise InvalidError(f"its projector has more than {MOST_BEAMS} beams")
     return projector
 
 

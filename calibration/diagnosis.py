@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+from calibration.files import list_names
 from calibration.identity import Candidates, MeshError, identify
 from calibration.mesh_search import MeshSearch
+from hdl.protocol import MOST_BEAMS
 from model.errors import UserError
 
 __all__ = ["check_planes", "identify_or_explain"]
@@ -15,7 +17,7 @@ _SHARE, _GAIN = 0.75, 0.5
 
 
 def check_planes(planes):
-    """Refuse frames without spots, and frames that were all taken at one distance.
+    """Refuse plane frames most of which have no spots.
 
     Parameters
     ----------
@@ -24,11 +26,10 @@ def check_planes(planes):
     """
     dark = [plane.name for plane in planes if len(plane.x) < _FEW]
     if len(dark) > len(planes) / 2:
-        names = ", ".join(dark[:6]) + (f" and {len(dark) - 6} more" if len(dark) > 6 else "")
         raise UserError(
-            f"No spots were found in {len(dark)} of the {len(planes)} plane frames ({names}): "
-            "check that the laser was on and that these are pattern frames, not textures, or "
-            "choose other limits (--threshold, --area-min, --area-max).")
+            f"No spots were found in {len(dark)} of the {len(planes)} plane frames "
+            f"({list_names(dark, 6)}): check that the laser was on and that these are pattern "
+            "frames, not textures, or choose other limits (--threshold, --area-min, --area-max).")
 
 
 def _corrections(nominal):
@@ -48,7 +49,7 @@ def _corrections(nominal):
         count = getattr(nominal, name)
         for other in (count - 1, count + 1, count - 2, count + 2):
             changed = replace(nominal, **{name: max(other, 1)})
-            if other >= 1 and changed.beams <= 128:
+            if other >= 1 and changed.beams <= MOST_BEAMS:
                 yield (f"the mesh has {other} {name}, not {count}: correct {name} {where}", changed)
     for factor in (10, 0.1, 1000, 0.001):
         base = tuple(factor * part for part in nominal.base_mm)

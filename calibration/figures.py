@@ -4,9 +4,12 @@ import math
 from dataclasses import dataclass
 
 from calibration.chessboards import FLAGGED_FOCAL
+from calibration.files import list_names
 
 __all__ = ["Figure", "figures", "health"]
 
+#: Photographs, and beams, that a row names at the most.
+_NAMED, _NAMED_BEAMS = 6, 12
 #: Largest good values: lens and lines in px, error of the depth a share.
 _LENS_PX, _LINES_PX, _HELD_OUT_PX, _DEPTH = 0.5, 0.1, 0.15, 0.005
 #: Least good values: share of the spots, px between lines.
@@ -39,18 +42,13 @@ class Figure:
     section: bool = False
 
 
-def _names(names, limit=6):
-    more = f" and {len(names) - limit} more" if len(names) > limit else ""
-    return ", ".join(names[:limit]) + more
-
-
 def _lens(calibration, report):
     """Rows of the lens."""
     left = [f"{len(report.used)} chessboards used"]
     if report.without_board:
-        left.append(f"no complete board in {_names(report.without_board)}")
+        left.append(f"no complete board in {list_names(report.without_board, _NAMED)}")
     if report.outliers:
-        left.append(f"left out as outliers: {_names(report.outliers)}")
+        left.append(f"left out as outliers: {list_names(report.outliers, _NAMED)}")
     lens = calibration.lens
     words = {"brown": "polynomial of the radius", "equidistant": "fisheye: polynomial of the angle"}
     region = "the whole picture"
@@ -107,7 +105,8 @@ def _beams(result):
         rows.append(Figure(
             "left out", f"{len(calibration.left_out)} of {len(calibration.beams)} beams",
             "no spot will match them: "
-            + _names([str(beam) for beam in calibration.left_out], 12), False, "none"))
+            + list_names([str(beam) for beam in calibration.left_out], _NAMED_BEAMS),
+            False, "none"))
     smallest, depth = windows.smallest_px, budget["expected_depth_relative"]
     return [
         *rows,

@@ -65,10 +65,10 @@ def read_octets(path, advice, most, name=None):
     return data
 
 
-def list_names(names):
+def list_names(names, most=_NAMED):
     """The first of some names, and how many more there are."""
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def unused_files(folder, used):

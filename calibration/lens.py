@@ -162,6 +162,10 @@ class Lens:
         return np.hypot(np.asarray(x) - self.principal_x,
                         np.asarray(y) - self.principal_y) <= self.reach * self.focal
 
+    def distance_px(self, u, v):
+        """Distance of image coordinates from the principal point, px."""
+        return np.hypot(u - self.principal_u, v - self.principal_v)
+
     @property
     def corner_px(self):
         """Distance of the farthest corner of the picture from the principal point, px."""
@@ -175,7 +179,7 @@ class Lens:
         u, v = (grid.ravel() for grid in np.meshgrid(u, v))
         if self.usable_px is not None:
             # The tangential part moves the border by less than a pixel.
-            usable = np.hypot(u - self.principal_u, v - self.principal_v) <= self.usable_px - 1
+            usable = self.distance_px(u, v) <= self.usable_px - 1
             u, v = u[usable], v[usable]
         x, _ = replace(self, usable_px=None).undistort(u, v)
         return bool(np.isnan(x).any())

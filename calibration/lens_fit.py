@@ -46,6 +46,16 @@ class LensFit:
         number = self.names.index(name)
         return float(np.sqrt(self.covariance[number, number]))
 
+    @property
+    def focal_sigma(self):
+        """Standard deviation of the focal length, a share of it."""
+        return self.sigma("focal") / abs(self.lens.focal)
+
+    @property
+    def principal_sigma_px(self):
+        """That of the principal point, px: the larger one of both ways."""
+        return max(self.sigma("principal_u"), self.sigma("principal_v"))
+
 
 def _rotated(vectors, points):
     """Points (n, 3) turned by each of some rotation vectors (views, 3): (views, n, 3)."""

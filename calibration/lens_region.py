@@ -55,7 +55,7 @@ def bounded(fit, corners):
     """
     lens = fit.lens
     radius = np.arange(_STEP_PX, lens.corner_px + 2 * _STEP_PX, _STEP_PX)
-    seen = _BEYOND * np.hypot(*(np.asarray(corners) - [lens.principal_u, lens.principal_v]).T).max()
+    seen = _BEYOND * lens.distance_px(*np.asarray(corners).T).max()
     undistorted = lens.radial.undistorted(radius / lens.focal)
     good = np.isfinite(undistorted)
     undistorted = np.where(good, undistorted, 0)
@@ -68,6 +68,6 @@ def bounded(fit, corners):
         gain = lens.gain(*lens.undistort(u, v))
         if gain.max() <= GAIN_LIMIT:
             return lens
-        off = np.hypot(u - lens.principal_u, v - lens.principal_v)[gain > GAIN_LIMIT]
+        off = lens.distance_px(u, v)[gain > GAIN_LIMIT]
         return replace(lens, usable_px=float(off.min() - 1))
     return replace(lens, usable_px=float(radius[np.argmin(good)] - _STEP_PX))

@@ -60,8 +60,7 @@ class MeshSearch:
 
     def __init__(self, planes, nominal, lens, scale_sigma=0.0):
         self.planes, self.nominal, self.lens = planes, nominal, lens
-        row, column = np.divmod(np.arange(nominal.beams), nominal.columns)
-        self.row, self.column = row - (nominal.rows - 1) / 2, column - (nominal.columns - 1) / 2
+        self.row, self.column = nominal.positions()
         self.positions = [np.stack([plane.x, plane.y], axis=-1) for plane in planes]
         self.trees = [cKDTree(spots) for spots in self.positions]
         self.inverse_z = np.array([1 / plane.z_mm for plane in planes])

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from calibration.plane_offset import corrected, estimate_offset
+from calibration.plane_offset import corrected, estimate_offset, fit_each
 from calibration.projector import predict
 from model.errors import UserError
 
@@ -38,8 +38,7 @@ def check_plane_positions(planes, identity, lens):
         Lens already calibrated.
     """
     mesh = identity.projector
-    row, column = np.divmod(np.arange(mesh.beams), mesh.columns)
-    row, column = row - (mesh.rows - 1) / 2, column - (mesh.columns - 1) / 2
+    row, column = mesh.positions()
     alive = np.isin(np.arange(mesh.beams), np.concatenate(identity.beams))
 
     def distances(tree, z_mm):
@@ -60,25 +59,12 @@ def check_plane_positions(planes, identity, lens):
 def _line_fit(data, kept):
     """Straight lines over 1/z through some of the rows: their four arrays, and how far
     the rows usually are from them, px."""
-    result = []
-    w, beam = data.inverse_z, data.beam
-    one = np.maximum(np.bincount(beam[kept], minlength=data.beams), 1)
-
-    def total(values):
-        return np.bincount(beam[kept], values[kept], data.beams)
-
-    mean = total(w) / one
-    spread = np.maximum(total((w - mean[beam]) ** 2), 1e-30)
-    squares = 0.0
-    for position in (data.x, data.y):
-        middle = total(position) / one
-        slope = total((w - mean[beam]) * (position - middle[beam])) / spread
-        start = middle - slope * mean
-        result += [start, slope]
-        squares = squares + (position - start[beam] - slope[beam] * w) ** 2
+    error_x, *x = fit_each(data.beam, data.beams, kept, data.inverse_z, data.x)
+    error_y, *y = fit_each(data.beam, data.beams, kept, data.inverse_z, data.y)
+    squares = error_x**2 + error_y**2
     # Two unknowns of each beam and the offset follow the planes' own errors.
     planes = len(np.unique(data.plane[kept]))
-    return result, float(np.sqrt(np.median(squares[kept]) * planes / max(planes - 3, 1)))
+    return (*x, *y), float(np.sqrt(np.median(squares[kept]) * planes / max(planes - 3, 1)))
 
 
 def check_plane_distances(observations, planes):

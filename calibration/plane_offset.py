@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.lines import common_origin_sigma
 
-__all__ = ["PlaneOffset", "corrected", "estimate_offset", "offset_by_lines"]
+__all__ = ["PlaneOffset", "corrected", "estimate_offset", "fit_each", "offset_by_lines"]
 
 #: Fewer standard deviations than this are not corrected.
 _SIGMAS = 3.0
@@ -44,15 +44,24 @@ def corrected(observations, offset_mm):
     return replace(observations, inverse_z=1 / (1 / observations.inverse_z + offset_mm))
 
 
-def _lines_off(beam, count, weight, w, values):
-    """Values less their weighted straight line over w, beam by beam, and the lines' slopes."""
+def fit_each(beam, count, weight, w, values):
+    """A weighted straight line over w through the values of each beam.
+
+    Returns
+    -------
+    error : array (n,)
+        Values less their line.
+    start, slope : arrays (count,)
+        The lines.
+    """
     def total(some):
         return np.bincount(beam, weight * some, count)
 
     one = np.maximum(total(np.ones_like(w)), 1e-12)
-    centred, rest = w - (total(w) / one)[beam], values - (total(values) / one)[beam]
+    mean, middle = total(w) / one, total(values) / one
+    centred, rest = w - mean[beam], values - middle[beam]
     slope = total(centred * rest) / np.maximum(total(centred**2), 1e-30)
-    return rest - slope[beam] * centred, slope
+    return rest - slope[beam] * centred, middle - slope * mean, slope
 
 
 def estimate_offset(observations):
@@ -75,9 +84,9 @@ def estimate_offset(observations):
     weight, offset, nearest = np.ones(len(z)), 0.0, z.min()
     for _ in range(_ROUNDS):
         w = 1 / (z + offset)
-        bend, _ = _lines_off(beam, count, weight, w, -w * w)
-        error_x, by_x = _lines_off(beam, count, weight, w, observations.x)
-        error_y, by_y = _lines_off(beam, count, weight, w, observations.y)
+        bend, _, _ = fit_each(beam, count, weight, w, -w * w)
+        error_x, _, by_x = fit_each(beam, count, weight, w, observations.x)
+        error_y, _, by_y = fit_each(beam, count, weight, w, observations.y)
         by_x, by_y = by_x[beam] * bend, by_y[beam] * bend
         score = weight * (by_x * error_x + by_y * error_y)
         information = max(np.sum(weight * (by_x**2 + by_y**2)), 1e-30)

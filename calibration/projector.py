@@ -38,11 +38,14 @@ class Projector:
         """Number of beams."""
         return self.rows * self.columns
 
+    def positions(self):
+        """Row and column of every beam, from the middle of the mesh: two arrays (beams,)."""
+        row, column = np.divmod(np.arange(self.beams), self.columns)
+        return row - (self.rows - 1) / 2, column - (self.columns - 1) / 2
+
     def slopes(self):
         """dx/dz and dy/dz of every beam: array (beams, 2)."""
-        row, column = np.divmod(np.arange(self.beams), self.columns)
-        return beam_slopes(row - (self.rows - 1) / 2, column - (self.columns - 1) / 2,
-                       self.parameters())
+        return beam_slopes(*self.positions(), self.parameters())
 
     def parameters(self):
         """The seven numbers that a search may change, as a vector.

@@ -4,7 +4,7 @@ import numpy as np
 
 from calibration.identity import PlaneSpots
 from model import paper
-from model.preprocessing.centre import centres
+from model.preprocessing.centre import LSB_PX, centres
 from model.preprocessing.front_chain import (
     find_corrected_spots,
     find_spots,
@@ -14,9 +14,6 @@ from model.preprocessing.front_chain import (
 )
 
 __all__ = ["image_spots", "plane_spots"]
-
-#: Image coordinates have 9 bits behind the binary point.
-_LSB_PX = 1 / 512
 
 
 def image_spots(image, settings):
@@ -49,7 +46,7 @@ def image_spots(image, settings):
         noise = settings.fixed_noise or learn_noise(image, settings)
         level = lit_level(noise, settings) / 16
         spots, _, _ = find_spots(image, noise, settings)
-    u, v = (np.asarray(axis, float) * _LSB_PX for axis in centres(spots, settings.reciprocal))
+    u, v = (np.asarray(axis, float) * LSB_PX for axis in centres(spots, settings.reciprocal))
     return spots, u, v, level
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from calibration.files import list_names
 from model.errors import UserError
 from model.stereo.depth import INVERSE_Z_LIMIT, inverse_depth, pack_depth
 from model.stereo.epipolar import OK, pack_line, pack_window, unpack_line
@@ -91,8 +92,8 @@ class Windows:
 
 def _named(beams, columns, limit=8):
     """Numbers of beams with their rows and columns, in words."""
-    words = [f"{beam} (row {beam // columns}, column {beam % columns})" for beam in beams[:limit]]
-    return ", ".join(words) + (f" and {len(beams) - limit} more" if len(beams) > limit else "")
+    return list_names([f"{beam} (row {beam // columns}, column {beam % columns})"
+                       for beam in beams], limit)
 
 
 def choose_windows(lines, columns, z_min, z_max, reach=(-255.9, 255.9)):

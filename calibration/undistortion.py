@@ -7,7 +7,7 @@ from model.errors import UserError
 from model.settings import Settings
 from model.stereo.undistort import ROUNDS, SEGMENTS, TANGENTIAL_BITS, radius_bits, undistort
 
-__all__ = ["GAIN_LIMIT", "build", "lens_tables", "undistortion_settings"]
+__all__ = ["BORDER_PX", "GAIN_LIMIT", "build", "lens_tables", "undistortion_settings"]
 
 #: Undistorted pixels per distorted pixel, at most: near its fold the model amplifies the rounding
 #: of the centres.
@@ -15,7 +15,7 @@ GAIN_LIMIT = 4.0
 #: Slope of the distorted radius by the undistorted one beyond which the table is a straight line.
 _LEAST_SLOPE = 1 / (2 * GAIN_LIMIT)
 #: The border of the usable region is that of a table segment, and the tangential part moves it.
-_BORDER_PX = 1.5
+BORDER_PX = 1.5
 _SCALE = 1 << 16
 _WORD = 1 << 18
 
@@ -114,8 +114,8 @@ def lens_tables(lens, rounds=ROUNDS):
                          f"strong for a focal length of {fx:g} px: the limit is "
                          f"{fx * 2**17 / 2**27:.2g}.")
     bits = radius_bits(width, height)
-    reach = max(np.hypot(du, dv) for du in (cx, width - 1 - cx) for dv in (cy, height - 1 - cy))
-    if not (0 <= cx < width and 0 <= cy < height) or reach**2 >= 2**bits and bits < 17:
+    if not (0 <= cx < width and 0 <= cy < height) or (
+            lens.corner_px**2 >= 2**bits and bits < 17):
         raise ValueError(f"The principal point ({cx:.1f}, {cy:.1f}) is too far from the centre of "
                          f"a {width} x {height} image.")
     settings = {
@@ -127,7 +127,7 @@ def lens_tables(lens, rounds=ROUNDS):
     u, v = np.meshgrid(np.linspace(0, width - 1, 83), np.linspace(0, height - 1, 71))
     u, v = (np.round(grid.ravel() * 512).astype(int) for grid in (u, v))
     if lens.usable_px is not None:
-        usable = np.hypot(u / 512 - cx, v / 512 - cy) < lens.usable_px - _BORDER_PX
+        usable = lens.distance_px(u / 512, v / 512) < lens.usable_px - BORDER_PX
         u, v = u[usable], v[usable]
     x, y = lens.undistort(u / 512, v / 512)
     gains = lens.gain(x, y)

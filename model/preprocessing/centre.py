@@ -2,7 +2,10 @@
 
 import numpy as np
 
-__all__ = ["centres"]
+__all__ = ["LSB_PX", "centres"]
+
+#: Centres have 9 bits behind the binary point; so have all image coordinates on the link.
+LSB_PX = 1 / 512
 
 _SLOPE_BITS = 16
 

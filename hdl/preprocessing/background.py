@@ -6,6 +6,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from ..payloads import CONTRAST_FRACTION_BITS, ContrastPixel, GreyPixel
+from ..protocol import MEAN_WINDOW_PIXELS
 
 __all__ = ["Background"]
 
@@ -60,8 +61,10 @@ class Background(wiring.Component):
     """
 
     def __init__(self, width, window=9):
-        if not isinstance(window, int) or not 5 <= window <= 21 or window % 2 == 0:
-            raise ValueError(f"The window must be an odd integer from 5 to 21, not {window!r}")
+        least, most = MEAN_WINDOW_PIXELS
+        if not isinstance(window, int) or not least <= window <= most or window % 2 == 0:
+            raise ValueError(
+                f"The window must be an odd integer from {least} to {most}, not {window!r}")
         if not isinstance(width, int) or not 2 * window <= width <= 512:
             raise ValueError(
                 f"Frame width must be an integer from {2 * window} to 512, not {width!r}")

@@ -12,7 +12,9 @@ from .spot_queue import COUNT_LIMIT, filter_spots
 from .threshold import threshold
 from .two_pass_labelling import label_in_two_passes
 
-__all__ = ["find_corrected_spots", "find_spots", "learn_noise", "lit_level", "measure_level"]
+__all__ = [
+    "find_corrected_spots", "find_spots", "learn_noise", "lit_level", "lit_pixels",
+    "measure_level"]
 
 
 def learn_noise(image, settings):
@@ -37,6 +39,26 @@ def _levels(noise, settings):
     return levels(noise, settings.lit_gain, settings.core_gain, settings.dent_gain)
 
 
+def lit_pixels(image, noise, settings):
+    """Pixels that stand out of their surroundings; preset ``capsule``.
+
+    Parameters
+    ----------
+    image, noise, settings
+        As for :func:`find_spots`.
+
+    Returns
+    -------
+    lit, core, excess
+        As from :func:`.hysteresis.hysteresis`.
+    difference : array of int64
+        As from :func:`.background.background`.
+    """
+    chosen = _levels(noise, settings)
+    difference, smooth, dents = background(image, settings.mean_window, chosen.dent)
+    return *hysteresis(difference, smooth, dents, chosen), difference
+
+
 def find_spots(image, noise, settings):
     """Components of a frame that have a core, as the spot queue keeps them; preset ``capsule``.
 
@@ -56,9 +78,7 @@ def find_spots(image, noise, settings):
     learnt : :class:`int`
         The noise that the frame teaches, as from :func:`learn_noise`.
     """
-    chosen = _levels(noise, settings)
-    difference, smooth, dents = background(image, settings.mean_window, chosen.dent)
-    lit, core, excess = hysteresis(difference, smooth, dents, chosen)
+    lit, core, excess, difference = lit_pixels(image, noise, settings)
     components = label(lit, core, excess, settings.weighted)
     spots, counts = filter_spots(components[components["core"]], settings)
     return spots, counts, frame_noise(difference)

@@ -11,7 +11,7 @@ def hysteresis(difference, smooth, dent, levels):
     Parameters
     ----------
     difference, smooth : arrays (height, width) of int
-        Signed Q8.4, see :func:`model.preprocessing.background.local_contrast`.
+        Signed Q8.4, see :func:`model.preprocessing.background.background`.
     dent : array of bool
         Pixels that part two spots: they stay dark.
     levels : :class:`model.preprocessing.noise.Levels`

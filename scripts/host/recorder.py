@@ -7,6 +7,7 @@ import numpy as np
 
 from hdl.protocol import Command, Reason
 from model.errors import UserError
+from model.preprocessing.centre import LSB_PX
 from scripts.host.chip import check_chip, parse_identity, parse_status
 from scripts.host.image_assembly import ImageAssembly
 from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
@@ -26,7 +27,6 @@ NO_CALIBRATION = ("The points come in their compact form, which needs the calibr
 #: Points of frames whose check failed get this word instead of ok, and no coordinates.
 _NAMES = (*STATUS, "unverified")
 _OK, _UNVERIFIED = STATUS.index("ok"), len(STATUS)
-_LSB_PX = 1 / 512
 #: Grey values in the tables, and how many of the chip's units make one.
 _GREY_UNITS = {"level": 16, "grey_noise": 8}
 _COUNTED = ("level", "grey_noise", "saturated", "skipped", "spots", "ok", "noise", "ambiguous",
@@ -257,7 +257,7 @@ class Recorder:
             points["status"] == _OK, np.asarray(reported["beam"], np.int16), -1)
         points["status"][find_duplicates(reported)] = DUPLICATE
         for name in "uv":
-            points[name] = np.asarray(reported[name], float) * _LSB_PX
+            points[name] = np.asarray(reported[name], float) * LSB_PX
         for name in "xyz":
             points[name] = np.nan
         return points

@@ -2,15 +2,13 @@
 
 import numpy as np
 
+from model.preprocessing.centre import LSB_PX
 from model.stereo.epipolar import unpack_line
 from model.stereo.undistort import undistort
 from scripts.results.doubt import contradicts, is_near
 from scripts.results.points import DOUBTFUL, DUPLICATE, OK, POINT
 
 __all__ = ["Locator", "find_duplicates", "locate"]
-
-#: Image coordinates on the wire have 9 bits behind the binary point.
-_LSB_PX = 1 / 512
 
 
 def find_duplicates(reported, calibration=None):
@@ -123,7 +121,7 @@ class Locator:
     def _doubt(self, points, reported, chosen, best):
         """Which of the chosen spots contradict the best ones, and the past."""
         beam, inverse = points["beam"][chosen], 1 / points["z"][chosen]
-        distance = _line_distance(reported[chosen], self.calibration) * _LSB_PX
+        distance = _line_distance(reported[chosen], self.calibration) * LSB_PX
         return contradicts(
             beam, inverse, distance, points["beam"][best], 1 / points["z"][best],
             self.calibration.columns) & ~is_near(inverse, self._last[beam])
@@ -146,7 +144,7 @@ def _rows(reported, index, calibration, grey):
     points["status"][find_duplicates(reported, calibration)] = DUPLICATE
     points["beam"] = np.where(ok, np.asarray(reported["beam"], np.int16), -1)
     lens = calibration.lens
-    u, v = (np.asarray(reported[name], float) * _LSB_PX for name in "uv")
+    u, v = (np.asarray(reported[name], float) * LSB_PX for name in "uv")
     if calibration.settings.remap:
         undistorted = u - lens.centre[0], v - lens.centre[1]
         u, v = lens.distort(*undistorted)

@@ -7,8 +7,11 @@ from scripts.results.outputs import whole_file
 from scripts.results.points import STATUS
 from scripts.results.summary import COLOURS
 
-__all__ = ["beam_segments", "draw_frame", "write_picture"]
+__all__ = [
+    "SCALE", "SHIFT", "SPOT_COLOURS", "beam_segments", "draw_frame", "enlarged", "ring_radius",
+    "write_picture"]
 
+#: Picture pixels of an image pixel.
 SCALE = 3
 _LEGEND = 58
 _BACKGROUND = (24, 22, 20)
@@ -18,14 +21,16 @@ _UNTOUCHED = (1, 2, 3)
 _FONT = cv2.FontFace("sans")
 #: Tissue is dim beside the spots: its grey values are raised.
 _BRIGHTER = np.rint(255 * (np.arange(256) / 255) ** 0.7).astype(np.uint8)
-_SHIFT = 4  # fraction bits of cv2's coordinates
+#: Fraction bits of cv2's coordinates.
+SHIFT = 4
 
 
 def _bgr(colour):
     return tuple(int(colour[start:start + 2], 16) for start in (5, 3, 1))
 
 
-_SPOT = tuple(_bgr(colour) for colour in COLOURS)
+#: Blue, green, red of a ring, in the order of :data:`scripts.results.points.STATUS`.
+SPOT_COLOURS = tuple(_bgr(colour) for colour in COLOURS)
 
 
 def _signed(word, bits):
@@ -50,13 +55,13 @@ def beam_segments(calibration, samples=17):
     return np.array(segments).reshape(-1, samples, 2)
 
 
-def _enlarge(points):
+def enlarged(points):
     """Image coordinates to those of the enlarged picture, in fixed point."""
-    return np.rint(((np.asarray(points) + 0.5) * SCALE - 0.5) * (1 << _SHIFT)).astype(np.int32)
+    return np.rint(((np.asarray(points) + 0.5) * SCALE - 0.5) * (1 << SHIFT)).astype(np.int32)
 
 
-def _radius(point):
-    """Radius of the ring around a spot."""
+def ring_radius(point):
+    """Radius of the ring around a spot, in pixels of the enlarged picture."""
     return (np.sqrt(point["area"] / np.pi) + 2) * SCALE
 
 
@@ -84,7 +89,7 @@ def _legend(picture, frame, top, disabled):
                  if _width(words, size, 600) < picture.shape[1] - 20), 8)
     _text(picture, words, (10, top + 22), _WORDS, size, 600)
     left = 10
-    for status, (name, colour) in enumerate(zip(STATUS, _SPOT, strict=True)):
+    for status, (name, colour) in enumerate(zip(STATUS, SPOT_COLOURS, strict=True)):
         number = np.count_nonzero(frame.points["status"] == status)
         if not number and name in ("duplicate", "doubtful"):
             continue
@@ -120,25 +125,25 @@ def draw_frame(image, frame, segments):
     picture[:height * SCALE] = large[:, :, None]
     picture[height * SCALE:] = _BACKGROUND
     body = picture[:height * SCALE]
-    drawn = [_enlarge(segment) for segment in segments if np.isfinite(segment).all()]
+    drawn = [enlarged(segment) for segment in segments if np.isfinite(segment).all()]
     lines = body.copy()
-    cv2.polylines(lines, drawn, False, _LINE, 2, cv2.LINE_AA, _SHIFT)
-    circles = [(_enlarge((point["u"], point["v"])), int(_radius(point) * (1 << _SHIFT)),
-                _SPOT[point["status"]]) for point in frame.points]
+    cv2.polylines(lines, drawn, False, _LINE, 2, cv2.LINE_AA, SHIFT)
+    circles = [(enlarged((point["u"], point["v"])), int(ring_radius(point) * (1 << SHIFT)),
+                SPOT_COLOURS[point["status"]]) for point in frame.points]
     for centre, radius, _ in circles:  # no lines inside a ring
-        cv2.circle(lines, centre, radius, _UNTOUCHED, cv2.FILLED, cv2.LINE_8, _SHIFT)
+        cv2.circle(lines, centre, radius, _UNTOUCHED, cv2.FILLED, cv2.LINE_8, SHIFT)
     keep = (lines == _UNTOUCHED).all(axis=2)
     lines[keep] = body[keep]
     cv2.addWeighted(lines, 0.8, body, 0.2, 0, dst=body)
     for centre, radius, colour in circles:
-        cv2.circle(body, centre, radius, colour, 2, cv2.LINE_AA, _SHIFT)
+        cv2.circle(body, centre, radius, colour, 2, cv2.LINE_AA, SHIFT)
     for point in frame.points[frame.points["beam"] >= 0]:
         words = str(point["beam"])
-        gap = _radius(point) + 1.5
+        gap = ring_radius(point) + 1.5
         left, base = (point["u"] + 0.5) * SCALE + gap, (point["v"] + 0.5) * SCALE - gap / 3
         if left + _width(words, 13, 700) > body.shape[1]:
             left -= 2 * gap + _width(words, 13, 700)
-        _outlined(body, words, (left, max(base, 13)), _SPOT[point["status"]], 13)
+        _outlined(body, words, (left, max(base, 13)), SPOT_COLOURS[point["status"]], 13)
     _legend(picture, frame, height * SCALE, len(segments) - len(drawn))
     return picture
 

@@ -3,13 +3,15 @@
 import cv2
 import numpy as np
 
+from scripts.results.overlay import SCALE, SHIFT, SPOT_COLOURS, enlarged, ring_radius
+from scripts.results.points import STATUS
+
 __all__ = ["MOST_ON_SHEET", "draw_sheet", "draw_spots"]
 
-SCALE = 3
 #: Pictures on a sheet at the most, and the width of each in pixels.
 MOST_ON_SHEET, _CELL = 100, 360
-_OK, _REJECTED, _SATURATED = (127, 208, 53), (79, 90, 255), (46, 176, 255)
-_SHIFT = 4  # fraction bits of cv2's coordinates
+_OK, _REJECTED, _SATURATED = (
+    SPOT_COLOURS[STATUS.index(name)] for name in ("ok", "rejected", "ambiguous"))
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
@@ -33,10 +35,9 @@ def draw_spots(image, spots):
     large = cv2.resize(image, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_NEAREST)
     picture = cv2.cvtColor(large, cv2.COLOR_GRAY2BGR)
     for spot in spots:
-        centre = [round(((spot[name] + 0.5) * SCALE - 0.5) * (1 << _SHIFT)) for name in "uv"]
-        radius = round((np.sqrt(spot["area"] / np.pi) + 2) * SCALE * (1 << _SHIFT))
+        radius = round(ring_radius(spot) * (1 << SHIFT))
         colour = _REJECTED if spot["status"] else _SATURATED if spot["saturated"] else _OK
-        cv2.circle(picture, centre, radius, colour, 1, cv2.LINE_AA, _SHIFT)
+        cv2.circle(picture, enlarged((spot["u"], spot["v"])), radius, colour, 1, cv2.LINE_AA, SHIFT)
     return picture
 
 

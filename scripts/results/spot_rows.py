@@ -7,10 +7,7 @@ import numpy as np
 
 from calibration.reciprocal import reciprocal_table
 from calibration.spots import image_spots
-from model.preprocessing.background import background
-from model.preprocessing.front_chain import learn_noise
-from model.preprocessing.hysteresis import hysteresis
-from model.preprocessing.noise import levels
+from model.preprocessing.front_chain import learn_noise, lit_pixels
 from model.settings import Settings
 
 __all__ = ["HEADER", "SPOT", "STATUS", "is_too_small", "spot_settings", "spots_of", "write_spots"]
@@ -31,15 +28,6 @@ def spot_settings():
 def is_too_small(image):
     """Whether an image is smaller than the window of the local mean: no spot can be found."""
     return min(image.shape) < spot_settings().mean_window
-
-
-def _lit(image, settings):
-    """The pixels of spots, and what each weighs."""
-    noise = settings.fixed_noise or learn_noise(image, settings)
-    chosen = levels(noise, settings.lit_gain, settings.core_gain, settings.dent_gain)
-    difference, smooth, dents = background(image, settings.mean_window, chosen.dent)
-    lit, _, excess = hysteresis(difference, smooth, dents, chosen)
-    return lit, np.where(lit, excess.astype(np.int64) + 1, 0)
 
 
 def _sums(labels, count, weights):
@@ -77,7 +65,8 @@ def spots_of(image):
     spots["area"], spots["weight"] = found["area"], found["weight"]
     spots["status"] = found["rejected"]
     # Which pixels they are: the components that have the same sums.
-    lit, weights = _lit(image, settings)
+    lit, _, excess, _ = lit_pixels(image, learn_noise(image, settings), settings)
+    weights = np.where(lit, excess.astype(np.int64) + 1, 0)
     count, labels = cv2.connectedComponents(lit.astype(np.uint8), connectivity=8)
     brightest = np.zeros(count, np.uint8)
     np.maximum.at(brightest, labels.ravel(), image.ravel())

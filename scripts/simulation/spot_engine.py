@@ -8,12 +8,12 @@ from calibration.calibrate import with_lens
 from calibration.lens import Lens
 from hdl.config import PRESETS
 from model.errors import UserError
+from model.preprocessing.centre import LSB_PX
 from scripts.results.spot_rows import spot_settings, spots_of
 from scripts.simulation.engine import RTLEngine
 
 __all__ = ["SpotEngine"]
 
-_LSB_PX = 1 / 512
 
 
 class SpotEngine:
@@ -55,7 +55,7 @@ class SpotEngine:
         """
         frame, = self._engine.frames([image], independent=True)
         model = spots_of(image)
-        expected = {(round(spot["u"] / _LSB_PX), round(spot["v"] / _LSB_PX), int(spot["area"])):
+        expected = {(round(spot["u"] / LSB_PX), round(spot["v"] / LSB_PX), int(spot["area"])):
                     index for index, spot in enumerate(model)}
         points = frame.points
         keys = list(zip(*(points[name].tolist() for name in ("u", "v", "area")), strict=True))

@@ -49,6 +49,11 @@ class Rig(Bench):
                 self.sent.append(self.dut.sent_payload.value.to_unsigned())
             await RisingEdge(self.dut.clk)
 
+    def offer_frame(self):
+        """From now on there is whatever a packet needs besides points."""
+        for name in OF_A_FRAME:
+            getattr(self.dut, f"{name}_valid").value = 1
+
     async def idle(self):
         """Wait until the clock is not needed."""
         await RisingEdge(self.dut.clk)
@@ -94,8 +99,7 @@ async def not_busy_while_a_packet_waits_for_the_line(dut):
     """Points wait behind a packet that waits; when the line takes octets again, so do they."""
     bench = Rig(dut, cts=0)
     await bench.begin()
-    for name in OF_A_FRAME:
-        getattr(dut, f"{name}_valid").value = 1
+    bench.offer_frame()
     points = 6 * RECORDS + 1
     bench.i.append([word(beam=n) for n in range(points)])
     await ClockCycles(dut.clk, 2 * points * RECORD_CLOCKS)
@@ -133,8 +137,7 @@ async def points_pass_once(dut):
     """Also those that wait because the buffer is full."""
     bench = Rig(dut, cts=0)
     await bench.begin()
-    for name in OF_A_FRAME:
-        getattr(dut, f"{name}_valid").value = 1
+    bench.offer_frame()
     words = [word(beam=n % 128, u=n) for n in range(400)]
     bench.i.append(words)
     await ClockCycles(dut.clk, 6000)

@@ -2,11 +2,14 @@
 PYTHON ?= python3
 BIN := .venv/bin
 WORKERS ?= 2
+KIND ?= polyp
+RIG ?= dense
+ENGINE ?= model
 PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup tools demo sim test lint bench prove crossings synth-export clean
+.PHONY: help setup tools demo live sim test lint bench prove crossings synth-export clean
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1|\2/p' $(MAKEFILE_LIST) | \
@@ -20,6 +23,9 @@ tools:
 
 demo: setup ## simulate a rig, calibrate it, and measure through the RTL
 	$(BIN)/python -m scripts.demo
+
+live: setup ## show a simulated rig in a browser, live; KIND=tissue, ENGINE=rtl
+	$(BIN)/cyclope view --simulate $(KIND) --rig $(RIG) --engine $(ENGINE) -o out/live-$$(date +%Y%m%d-%H%M%S)
 
 sim: tools ## run the whole-frame benches of the top
 	$(PYTEST) tb/system/test_frames.py

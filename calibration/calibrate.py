@@ -22,6 +22,7 @@ from calibration.usable import (
     drop_scattered,
     relative_areas,
     remarks,
+    seen_dead,
     usable_beams,
 )
 from model.errors import UserError
@@ -45,17 +46,23 @@ class Options:
         Depth range in mm; that of the plane frames if None.
     remapped : :class:`bool`
         For the preset ``paper``: find the spots in images that the remap table has corrected.
+    dead : frozenset of :class:`int`
+        Beams that are known to be dead, besides those of the capture.
     """
 
     settings: Settings = field(default_factory=Settings)
     depth_min: float | None = None
     depth_max: float | None = None
     remapped: bool = False
+    dead: frozenset = frozenset()
 
 
 @dataclass(frozen=True)
 class Result:
-    """A calibration and the intermediate results that led to it."""
+    """A calibration and the intermediate results that led to it.
+
+    ``dead`` are the beams that were known to be dead.
+    """
 
     calibration: Calibration
     lens_report: LensReport
@@ -66,6 +73,7 @@ class Result:
     lines: BeamLines = field(repr=False)
     windows: Windows = field(repr=False)
     tables: Tables = field(repr=False)
+    dead: frozenset = frozenset()
 
 
 def _reach(lens):
@@ -108,19 +116,19 @@ def with_lens(settings, lens):
                    **undistortion_settings(lens))
 
 
-def _fit_usable(planes, observations, identity, lens):
+def _fit_usable(planes, observations, identity, lens, dead):
     """Usable beams, the offset of the distances, and the lines.
 
     Beams whose spots scatter are left out, and the rest is fitted again.
     """
-    usable = usable_beams(observations, identity.projector, identity.expected)
+    usable = usable_beams(observations, identity.projector, identity.expected, dead)
     offset = offset_by_lines(usable.observations)
     usable = replace(usable, observations=corrected(usable.observations, offset.correction_mm))
     while True:
         lines = fit_lines(usable.observations, lens)
         fewer = drop_scattered(usable, lines, identity.projector)
         if fewer is usable:
-            return usable, offset, lines
+            return seen_dead(usable, planes, identity, lens), offset, lines
         usable = fewer
 
 
@@ -157,10 +165,10 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
     distances = [plane.z_mm for plane in planes]
     _depth_range(options, distances)
     check_planes(planes)
-    identity = identify_or_explain(planes, nominal, lens, lens_report.scale_sigma)
+    identity = identify_or_explain(planes, nominal, lens, lens_report.scale_sigma, options.dead)
     check_plane_positions(planes, identity, lens)
     observations = Observations.of(planes, identity, lens)
-    usable, offset, lines = _fit_usable(planes, observations, identity, lens)
+    usable, offset, lines = _fit_usable(planes, observations, identity, lens, options.dead)
     z_min, z_max = _depth_range(options, [z_mm + offset.correction_mm for z_mm in distances])
     windows = choose_windows(lines, nominal.columns, z_min, z_max, _reach(lens))
     tables = build_tables(lines, windows, nominal.columns, nominal.beams)
@@ -194,7 +202,7 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
     return Result(calibration=calibration, lens_report=lens_report, offset=offset,
                   planes=tuple(planes),
                   identity=identity, observations=usable.observations, lines=lines,
-                  windows=windows, tables=tables)
+                  windows=windows, tables=tables, dead=options.dead)
 
 
 def _beams(lines, windows, areas, count):
@@ -246,4 +254,5 @@ def calibrate(capture, options, progress=None):
         settings = replace(settings, **remap_settings(lens))
     planes = [plane_spots(name, z_mm, image, settings, lens)
               for name, z_mm, image in counted("plane frames", capture.plane_images())]
+    options = replace(options, dead=options.dead | capture.dead)
     return calibrate_beams(planes, capture.projector, lens, lens_report, options, settings)

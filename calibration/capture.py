@@ -16,12 +16,13 @@ from calibration.projector import Projector
 from hdl.protocol import MOST_BEAMS
 from model.errors import UserError
 
-__all__ = ["Capture", "read_capture", "read_image"]
+__all__ = ["Capture", "read_capture", "read_image", "read_nominal"]
 
 #: Larger lengths are typing errors.
 MOST_MM, MOST_PX = 100_000, 100_000
 #: Octets of a capture.toml; it needs a few hundred.
 _MOST_TOML = 1 << 14
+_OPTIONAL = {"projector": ("dead",)}
 _KEYS = {
     "sensor": ("width", "height", "focal_px"),
     "projector": ("rows", "columns", "pitch_deg", "rotation_deg", "toe_in_deg", "base_mm"),
@@ -52,6 +53,8 @@ class Capture:
         Pattern frames and their distances in mm, in the order of ``planes.csv``.
     notes : tuple of :class:`str`
         What is there and not used.
+    dead : frozenset of :class:`int`
+        Beams that are known to be dead.
     """
 
     folder: Path
@@ -65,6 +68,7 @@ class Capture:
     lens_paths: tuple
     planes: tuple
     notes: tuple = ()
+    dead: frozenset = frozenset()
 
     def check_sizes(self):
         """Refuse a wrong size in capture.toml, and photographs of another sensor than the planes'.
@@ -139,6 +143,19 @@ class _Table:
             self._refuse(key, f"three numbers [x, y, z] of up to {MOST_MM} mm, x other than 0")
         return tuple(float(part) for part in value)
 
+    def beams(self, key, mesh):
+        """Numbers of beams by rows and columns; none if the key is missing."""
+        if key not in self._values:
+            return frozenset()
+        pairs = self._values[key]
+        if not isinstance(pairs, list) or not all(
+                isinstance(pair, list) and len(pair) == 2
+                and all(type(part) is int for part in pair)
+                and 0 <= pair[0] < mesh.rows and 0 <= pair[1] < mesh.columns for pair in pairs):
+            self._refuse(key, "a list of beams [row, column], counted from 0, "
+                              f"of the {mesh.rows} x {mesh.columns} mesh")
+        return frozenset(row * mesh.columns + column for row, column in pairs)
+
 
 def _read_toml(path):
     data = read_octets(path, "name a capture folder, which holds a capture.toml", _MOST_TOML)
@@ -154,7 +171,7 @@ def _unknown_keys(path, content):
     """A note on what nobody reads, for it may be misspelt."""
     unknown = [name for name in content if name not in _KEYS]
     unknown += [f"{key} in [{name}]" for name, keys in _KEYS.items()
-                for key in content[name] if key not in keys]
+                for key in content[name] if key not in (*keys, *_OPTIONAL.get(name, ()))]
     return [f"{path} has values that are not used: {list_names(unknown)}"] if unknown else []
 
 
@@ -179,11 +196,8 @@ def _read_planes(path):
     return tuple(planes)
 
 
-def read_capture(folder) -> Capture:
-    """A capture folder, without its images, which are read when asked for.
-
-    Raises :class:`model.errors.UserError` if anything the calibration needs is missing or wrong.
-    """
+def _read_nominal(folder):
+    """The folder as a path, and the contents of its ``capture.toml``."""
     folder = Path(folder)
     if not folder.is_dir():
         what = "is not a folder" if folder.exists() else "does not exist"
@@ -191,10 +205,20 @@ def read_capture(folder) -> Capture:
     if not any(folder.iterdir()):
         raise UserError(
             f"{folder} is empty: a capture folder holds capture.toml, lens/ and planes/.")
-    path = folder / "capture.toml"
-    content = _read_toml(path)
-    sensor, mesh, board = (_Table(path, content, name) for name in _KEYS)
+    return folder, _read_toml(folder / "capture.toml")
 
+
+def _sensor(path, content):
+    """Width, height and focal length."""
+    sensor = _Table(path, content, "sensor")
+    return {"width": sensor.integer("width", 8, LARGEST),
+            "height": sensor.integer("height", 8, LARGEST),
+            "focal_px": sensor.number("focal_px", 0, MOST_PX,
+                                      f"a number of pixels, up to {MOST_PX}")}
+
+
+def _projector(path, mesh):
+    """The nominal mesh, from its section."""
     def angle(key, low, high):
         return mesh.number(key, low, high, f"an angle between {low} and {high} degrees")
 
@@ -205,6 +229,34 @@ def read_capture(folder) -> Capture:
     if projector.beams > MOST_BEAMS:
         raise UserError(
             f"{path}: {projector.rows} x {projector.columns} beams are more than {MOST_BEAMS}.")
+    return projector
+
+
+def read_nominal(folder):
+    """Nominal values of a capture folder, which need not hold any images yet.
+
+    Returns a :class:`dict` with ``width``, ``height``, ``focal_px`` and ``projector``, and
+    ``depth``: the smallest and largest z_mm of its plane frames, or None without planes.csv. Raises
+    :class:`model.errors.UserError` if something is missing or wrong.
+    """
+    folder, content = _read_nominal(folder)
+    path, planes = folder / "capture.toml", folder / "planes" / "planes.csv"
+    distances = [z_mm for _, z_mm in _read_planes(planes)] if planes.is_file() else []
+    return {**_sensor(path, content),
+            "projector": _projector(path, _Table(path, content, "projector")),
+            "depth": (min(distances), max(distances)) if distances else None}
+
+
+def read_capture(folder) -> Capture:
+    """A capture folder, without its images, which are read when asked for.
+
+    Raises :class:`model.errors.UserError` if anything the calibration needs is missing or wrong.
+    """
+    folder, content = _read_nominal(folder)
+    path = folder / "capture.toml"
+    sensor = _sensor(path, content)
+    mesh, board = _Table(path, content, "projector"), _Table(path, content, "lens")
+    projector = _projector(path, mesh)
     lens = folder / "lens"
     try:
         photographs = sorted(entry for entry in lens.iterdir()
@@ -220,10 +272,9 @@ def read_capture(folder) -> Capture:
              *unused_files(lens, {image.name for image in photographs}),
              *unused_files(folder / "planes", {"planes.csv", *(image.name for image, _ in planes)})]
     return Capture(
-        folder=folder, width=sensor.integer("width", 8, LARGEST),
-        height=sensor.integer("height", 8, LARGEST),
-        focal_px=sensor.number("focal_px", 0, MOST_PX, f"a number of pixels, up to {MOST_PX}"),
-        projector=projector, board_columns=board.integer("board_columns", 3, 100),
+        folder=folder, **sensor, projector=projector,
+        board_columns=board.integer("board_columns", 3, 100),
         board_rows=board.integer("board_rows", 3, 100),
         square_mm=board.number("square_mm", 0, MOST_MM, f"a number of mm, up to {MOST_MM}"),
-        lens_paths=tuple(photographs), planes=planes, notes=tuple(notes))
+        lens_paths=tuple(photographs), planes=planes, notes=tuple(notes),
+        dead=mesh.beams("dead", projector))

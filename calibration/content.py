@@ -92,7 +92,8 @@ def _settings(content, beams, lens):
         weighted=section.flag("weighted"), report_rejected=section.flag("report_rejected"),
         **{name: section.integer(name, *limits[name]) for name in (
             "fixed_noise", "lit_gain", "core_gain", "dent_gain", "threshold_alpha", "area_min",
-            "area_max", "principal_u", "principal_v", "tangential_1", "tangential_2")},
+            "area_max", "saturation", "principal_u", "principal_v", "tangential_1",
+            "tangential_2")},
         **{name: section.words(name, words[name].words, words[name].bits)
            for name in ("radial", "reciprocal")},
         line=section.words("line", beams, 36), window=section.words("window", beams, 36),

@@ -71,12 +71,12 @@ def _explain(planes, nominal, lens, scale_sigma):
     return words
 
 
-def identify_or_explain(planes, nominal, lens, scale_sigma=0.0):
+def identify_or_explain(planes, nominal, lens, scale_sigma=0.0, dead=()):
     """As :func:`calibration.identity.identify`; a refusal names the mistyped value, if it is one.
 
     Parameters
     ----------
-    planes, nominal, lens, scale_sigma
+    planes, nominal, lens, scale_sigma, dead
         As in :func:`calibration.identity.identify`.
 
     Returns
@@ -84,7 +84,7 @@ def identify_or_explain(planes, nominal, lens, scale_sigma=0.0):
     :class:`calibration.identity.Identity`
     """
     try:
-        return identify(planes, nominal, lens, scale_sigma)
+        return identify(planes, nominal, lens, scale_sigma, dead)
     except MeshError as error:
         words = _explain(planes, nominal, lens, scale_sigma)
         if words is None:

@@ -13,7 +13,7 @@ _NAMED, _NAMED_BEAMS = 6, 12
 #: Largest good values: lens and lines in px, error of the depth a share.
 _LENS_PX, _LINES_PX, _HELD_OUT_PX, _DEPTH = 0.5, 0.1, 0.15, 0.005
 #: Least good values: share of the spots, px between lines.
-_SPOTS, _SEPARATION_PX = 0.95, 2.0
+_SPOTS, _SEPARATION_PX = 0.95, 1.5
 #: The largest errors that the chip's arithmetic is meant to have.
 _CENTRE_PX, _UNDISTORTION_PX, _LINE_PX, _INVERSE_Z = 0.005, 0.01, 0.003, 1e-4
 
@@ -106,7 +106,8 @@ def _beams(result):
             "left out", f"{len(calibration.left_out)} of {len(calibration.beams)} beams",
             "no spot will match them: "
             + list_names([str(beam) for beam in calibration.left_out], _NAMED_BEAMS),
-            False, "none"))
+            set(calibration.left_out) <= result.dead,
+            "none but dead ones" if result.dead else "none"))
     smallest, depth = windows.smallest_px, budget["expected_depth_relative"]
     return [
         *rows,

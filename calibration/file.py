@@ -23,7 +23,7 @@ __all__ = ["FORMAT", "VERSION", "Beam", "Calibration", "decode", "encode", "load
 
 FORMAT = "cyclope calibration"
 VERSION = 1
-#: Octets of a file; 128 beams need a tenth of them.
+#: Octets of a file; 512 beams need a quarter of them.
 _MOST = 1 << 20
 
 _UNITS = {

@@ -80,7 +80,8 @@ class Identity:
         Number of spots that the next best numbering leaves unexplained in addition; inf if the
         tolerances allow no other.
     expected : array (beams,) of :class:`int`
-        Number of distances at which the fitted mesh has each beam's spot inside the picture.
+        Number of distances at which the fitted mesh has each beam's spot inside the picture; 0 for
+        dead beams.
     offset_mm : :class:`float`
         What was added to the distances.
     """
@@ -170,7 +171,7 @@ class Candidates:
         return offset_by_lines(observations).correction_mm
 
 
-def identify(planes, nominal, lens, scale_sigma=0.0):
+def identify(planes, nominal, lens, scale_sigma=0.0, dead=()):
     """Assign every spot of the plane frames to its beam.
 
     Raises :class:`UserError` if no projector near the nominal one explains the spots, or if the
@@ -187,18 +188,20 @@ def identify(planes, nominal, lens, scale_sigma=0.0):
         Lens already calibrated.
     scale_sigma : :class:`float`
         Standard deviation of its focal length, a share of it.
+    dead : iterable of :class:`int`
+        Beams that have no spots.
 
     Returns
     -------
     :class:`Identity`
     """
-    candidates = Candidates(MeshSearch(planes, nominal, lens, scale_sigma))
+    candidates = Candidates(MeshSearch(planes, nominal, lens, scale_sigma, dead))
     offset = candidates.offset()
     if offset:
         # Of distances that are wrong by a constant, a projector too far away makes the best.
         candidates = Candidates(MeshSearch(
             [replace(plane, z_mm=plane.z_mm + offset) for plane in planes], nominal, lens,
-            scale_sigma))
+            scale_sigma, dead))
     search, found, keep = candidates.search, candidates.found, candidates.keep
     (cost, count, _), vector, beams = candidates.best()
     rms, matched, expected = _fit(search, vector, beams, count)
@@ -239,8 +242,8 @@ def _fit(search, vector, beams, count):
     spots is that of the others, which must be most of the mesh.
     """
     nominal, planes = search.nominal, search.planes
-    inside = np.array([search.inside(search.predict(vector, plane))
-                       for plane in range(len(planes))])
+    inside = search.alive & np.array([search.inside(search.predict(vector, plane))
+                                      for plane in range(len(planes))])
     found = np.array([np.isin(np.arange(nominal.beams), beam) for beam in beams])
     shown = inside.sum(axis=0)
     alive = (found & inside).sum(axis=0) > _DEAD_SHARE * shown

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from calibration.lens import Lens
 
@@ -11,7 +12,9 @@ __all__ = ["BROWN", "EQUIDISTANT", "LensFit", "fit_boards"]
 #: Free parameters of the models, by their names in :class:`calibration.lens.Lens`.
 BROWN = ("focal", "principal_u", "principal_v", "k1", "k2", "p1", "p2")
 EQUIDISTANT = ("focal", "principal_u", "principal_v", "k1", "k2", "k3")
-_ROUNDS = 60
+#: Evaluations of the residuals at the most, and what they are limited to, px: a lens that folds has
+#: no image of some points.
+_EVALUATIONS, _FARTHEST_PX = 60, 1e6
 
 
 @dataclass(frozen=True)
@@ -77,18 +80,21 @@ def _projected(board, lens, poses):
 
 
 class _Problem:
-    """Residuals and normal equations; every board's pose belongs to its own view only."""
+    """Residuals and their derivatives by a vector of the lens's free parameters and all poses.
+
+    Every board's pose belongs to its own view only.
+    """
 
     def __init__(self, board, corners, names, lens, nominal):
         self.board, self.corners = np.asarray(board, float), np.stack(corners).astype(float)
         self.names, self.start = names, lens
         # The focal length, which is the first parameter, is drawn to its nominal value.
         self.nominal = nominal[0] if nominal else 0.0
-        self.pull = (nominal[2] / nominal[1]) ** 2 if nominal else 0.0
+        self.pull = nominal[2] / nominal[1] if nominal else 0.0
 
-    def cost(self, error, values):
-        """What is minimised."""
-        return np.sum(error**2) + (self.pull * (values[0] - self.nominal) ** 2 if self.pull else 0)
+    def split(self, vector):
+        """The lens's values (p,) and the poses (views, 6)."""
+        return vector[:len(self.names)], vector[len(self.names):].reshape(-1, 6)
 
     def lens(self, values):
         """The lens with other values of its free parameters."""
@@ -98,45 +104,42 @@ class _Problem:
     def error(self, values, poses):
         """Projected less real corners: (views, 2 n)."""
         image = _projected(self.board, self.lens(values), poses)
-        return (image - self.corners).reshape(len(poses), -1)
+        error = (image - self.corners).reshape(len(poses), -1)
+        return np.nan_to_num(np.clip(error, -_FARTHEST_PX, _FARTHEST_PX), nan=_FARTHEST_PX)
 
-    def system(self, values, poses):
-        """Error, its derivatives by the lens (p, views, 2 n) and by the own pose (6, views, 2 n).
-        """
+    def residuals(self, vector):
+        """What is minimised, by its squares."""
+        values, poses = self.split(vector)
+        error = self.error(values, poses).ravel()
+        if not self.pull:
+            return error
+        return np.append(error, self.pull * (values[0] - self.nominal))
+
+    def slopes(self, vector):
+        """Derivatives of :meth:`residuals`, (residuals, p + 6 views)."""
+        values, poses = self.split(vector)
         error = self.error(values, poses)
-        by_lens, by_pose = [], []
+        views, points = error.shape
+        slopes = np.zeros((error.size + bool(self.pull), len(vector)))
         for number, name in enumerate(self.names):
             step = 1e-3 if name in ("focal", "principal_u", "principal_v") else 1e-6
-            moved = np.array(values)
+            moved = values.copy()
             moved[number] += step
-            by_lens.append((self.error(moved, poses) - error) / step)
+            slopes[:error.size, number] = ((self.error(moved, poses) - error) / step).ravel()
+        by_pose = slopes[:error.size, len(values):].reshape(views, points, views, 6)
+        own = np.arange(views)
         for number in range(6):
             step = 1e-6 if number < 3 else 1e-6 * np.abs(poses[:, 5]).mean()
             moved = poses.copy()
             moved[:, number] += step
-            by_pose.append((self.error(values, moved) - error) / step)
-        return error, np.reshape(by_lens, (-1, *error.shape)), np.array(by_pose)
-
-    def normal(self, values, error, by_lens, by_pose, damping=0.0):
-        """The lens's normal matrix and right side without the poses, and what gives those back."""
-        pose = np.einsum("pvi,qvi->vpq", by_pose, by_pose)
-        pose = pose + damping * np.einsum("vpp,pq->vpq", pose, np.eye(6))
-        cross = np.einsum("pvi,qvi->vpq", by_lens, by_pose)
-        own = np.einsum("pvi,vi->vp", by_pose, error)
-        inverse = np.linalg.pinv(pose, hermitian=True)
-        lens = np.einsum("pvi,qvi->pq", by_lens, by_lens)
-        lens = lens + damping * np.diag(np.diag(lens))
-        matrix = lens - np.einsum("vpa,vab,vqb->pq", cross, inverse, cross)
-        right = np.einsum("pvi,vi->p", by_lens, error) - np.einsum(
-            "vpa,vab,vb->p", cross, inverse, own)
+            by_pose[own, :, own, number] = (self.error(values, moved) - error) / step
         if self.pull:
-            matrix[0, 0] += self.pull
-            right[0] += self.pull * (values[0] - self.nominal)
-        return matrix, right, (inverse, cross, own)
+            slopes[-1, 0] = self.pull
+        return slopes
 
 
 def fit_boards(board, corners, names, lens, poses, nominal=None):
-    """Fit a lens by Levenberg's and Marquardt's method.
+    """Fit a lens and the poses of boards by least squares.
 
     Parameters
     ----------
@@ -158,38 +161,25 @@ def fit_boards(board, corners, names, lens, poses, nominal=None):
     :class:`LensFit`
     """
     problem = _Problem(board, corners, names, lens, nominal)
-    values, poses = np.array([getattr(lens, name) for name in names]), np.array(poses, float)
-    cost, damping = np.inf, 1e-4
+    start = np.concatenate([[getattr(lens, name) for name in names], np.ravel(poses)])
     with np.errstate(all="ignore"):
-        system = problem.system(values, poses)
-        cost = problem.cost(system[0], values)
-        for _ in range(_ROUNDS):
-            matrix, right, (inverse, cross, own) = problem.normal(values, *system, damping)
-            step = -np.linalg.lstsq(matrix, right, rcond=1e-14)[0]
-            turn = -np.einsum("vab,vb->va", inverse, own + np.einsum("vpa,p->va", cross, step))
-            then = problem.error(values + step, poses + turn)
-            gained = cost - problem.cost(then, values + step)
-            if not gained >= 0:
-                damping *= 10
-                if damping > 1e8:
-                    break
-                continue
-            values, poses, damping = values + step, poses + turn, max(damping / 10, 1e-9)
-            system = problem.system(values, poses)
-            cost = problem.cost(system[0], values)
-            if gained < 1e-9 * cost:
-                break
-        matrix = problem.normal(values, *system)[0]
-    error = system[0]
+        solution = least_squares(problem.residuals, start, problem.slopes, method="lm",
+                                 x_scale="jac", max_nfev=_EVALUATIONS)
+        values, poses = problem.split(solution.x)
+        error = problem.error(values, poses)
     cost = np.sum(error**2)
-    freedom = max(error.size - len(names) - poses.size, 1)
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    covariance = np.zeros((0, 0))
-    if names:
-        covariance = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-15, hermitian=True)
-        covariance = covariance / np.outer(scale, scale) * cost / freedom
+    freedom = max(error.size - solution.x.size, 1)
     half = error.shape[1] / 2
     return LensFit(
-        lens=problem.lens(values), names=names, covariance=covariance, poses=poses,
+        lens=problem.lens(values), names=names,
+        covariance=_covariance(solution.jac, len(names)) * cost / freedom, poses=poses,
         view_rms_px=np.sqrt(np.sum(error**2, axis=1) / half),
         rms_px=float(np.sqrt(cost / (half * len(poses)))))
+
+
+def _covariance(slopes, count):
+    """That of the first ``count`` parameters, for residuals of unit variance."""
+    scale = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
+    scaled = slopes / scale
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-15, hermitian=True)
+    return (inverse / np.outer(scale, scale))[:count, :count]

@@ -45,9 +45,13 @@ class MeshSearch:
         Lens already calibrated.
     scale_sigma : :class:`float`
         Standard deviation of its focal length, a share of it: pitch and base may be off as much.
+    dead : iterable of :class:`int`
+        Beams that have no spots.
 
     Attributes
     ----------
+    alive : array (beams,) of :class:`bool`
+        Whether a beam may have spots.
     start : array (7,)
         The nominal vector.
     limit : array (7,)
@@ -58,9 +62,10 @@ class MeshSearch:
         That limit for toe-in and tilt, in degrees.
     """
 
-    def __init__(self, planes, nominal, lens, scale_sigma=0.0):
+    def __init__(self, planes, nominal, lens, scale_sigma=0.0, dead=()):
         self.planes, self.nominal, self.lens = planes, nominal, lens
         self.row, self.column = nominal.positions()
+        self.alive = ~np.isin(np.arange(nominal.beams), list(dead))
         self.positions = [np.stack([plane.x, plane.y], axis=-1) for plane in planes]
         self.trees = [cKDTree(spots) for spots in self.positions]
         self.inverse_z = np.array([1 / plane.z_mm for plane in planes])
@@ -113,7 +118,7 @@ class MeshSearch:
             empty[spots[:, 1], spots[:, 0]] = 0
             distance = np.minimum(cv2.distanceTransform(empty, cv2.DIST_L2, 5), _REACH)
             predicted = self.predict(vectors, plane)
-            visible = self.inside(predicted)
+            visible = self.inside(predicted) & self.alive
             pixel = np.clip(np.rint(predicted).astype(int) + _HALF, 0, 2 * _HALF - 1)
             cost += (distance[pixel[..., 1], pixel[..., 0]] * visible).sum(axis=1)
             count += visible.sum(axis=1)
@@ -137,6 +142,7 @@ class MeshSearch:
                 distance, spot = tree.query(predicted)
                 back, nearest = cKDTree(predicted).query(spots)
                 mutual = (nearest[spot] == np.arange(len(predicted))) & (distance <= gate)
+                mutual &= self.alive
                 beam[spot[mutual]] = np.flatnonzero(mutual)
             beams.append(beam)
         return beams
@@ -212,7 +218,7 @@ class MeshSearch:
         square = np.sum(self.residuals(vector, beams) ** 2)
         count = missing = 0
         for plane, beam in enumerate(beams):
-            inside = self.inside(self.predict(vector, plane))
+            inside = self.inside(self.predict(vector, plane)) & self.alive
             missing += inside.sum() - inside[beam[beam >= 0]].sum() + (beam < 0).sum()
             count += (beam >= 0).sum()
         return float(square / 9 + missing), int(count), int(missing)

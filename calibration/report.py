@@ -7,8 +7,12 @@ from calibration.figures import figures
 
 __all__ = ["beam_remarks", "beams_table", "summary_table"]
 
-def _table(title):
-    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1),
+#: With more columns of beams their table has no room for the numbers of planes.
+_MOST_COLUMNS = 9
+
+
+def _table(title, padding=1):
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", padding=(0, padding),
                   pad_edge=False)
     table.add_column("")
     return table
@@ -32,7 +36,9 @@ def beams_table(result):
     """RMS distance of each beam's spots from its line, laid out as the mesh."""
     calibration, lines = result.calibration, result.lines
     index = {number: index for index, number in enumerate(lines.numbers.tolist())}
-    table = _table("RMS distance of the spots from their line, 1/1000 px (planes)")
+    narrow = calibration.columns > _MOST_COLUMNS
+    table = _table("RMS distance of the spots from their line, 1/1000 px"
+                   + ("" if narrow else " (planes)"), 0 if narrow else 1)
     for column in range(calibration.columns):
         table.add_column(str(column), justify="right", no_wrap=True)
     usual = float(sorted(lines.residual_v)[len(lines.residual_v) // 2])
@@ -41,11 +47,13 @@ def beams_table(result):
         for column in range(calibration.columns):
             beam = row * calibration.columns + column
             if beam not in index:
-                cells.append("[bold red]none[/bold red]")
+                cells.append(f"[bold red]{'-' if narrow else 'none'}[/bold red]")
                 continue
             residual = lines.residual_v[index[beam]]
             style = "bold red" if residual > 4 * usual else "yellow" if residual > 2 * usual else ""
-            text = f"{1000 * residual:.0f} [dim]({int(lines.planes[index[beam]])})[/dim]"
+            text = f"{1000 * residual:.0f}"
+            if not narrow:
+                text += f" [dim]({int(lines.planes[index[beam]])})[/dim]"
             cells.append(f"[{style}]{text}[/{style}]" if style else text)
         table.add_row(str(row), *cells)
     return table

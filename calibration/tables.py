@@ -9,7 +9,8 @@ from model.errors import UserError
 from model.stereo.depth import INVERSE_Z_LIMIT, inverse_depth, pack_depth
 from model.stereo.epipolar import OK, pack_line, pack_window, unpack_line
 
-__all__ = ["Tables", "Windows", "build_tables", "choose_windows", "separations"]
+__all__ = ["Tables", "Windows", "build_tables", "choose_windows", "separations",
+           "spot_columns", "window_columns"]
 
 PIXEL = 1 << 9                      #: LSB of undistorted coordinates in a pixel
 WINDOW_PIXEL = 1 << 4               #: LSB of window limits in a pixel
@@ -56,6 +57,21 @@ def separations(a, b, low, high, others_low=None, others_high=None):
     distance[first > last] = np.inf
     np.fill_diagonal(distance, np.inf)
     return distance
+
+
+def window_columns(alpha, beta, z_min, z_max):
+    """First and last column of each beam over a depth range in mm, with margin, px.
+
+    ``alpha`` and ``beta`` are arrays of the depth laws 1/z = alpha u + beta.
+    """
+    near, far = ((1 / z - beta) / alpha for z in (z_min / DEPTH_MARGIN, z_max * DEPTH_MARGIN))
+    return np.minimum(near, far) - WINDOW_MARGIN_PX, np.maximum(near, far) + WINDOW_MARGIN_PX
+
+
+def spot_columns(alpha, beta, z_min):
+    """First and last column where a spot of each beam can be, also outside the depth range, px."""
+    near, far = (NEAR_GUARD / z_min - beta) / alpha, -beta / alpha
+    return np.minimum(near, far), np.maximum(near, far)
 
 
 @dataclass(frozen=True)
@@ -114,9 +130,7 @@ def choose_windows(lines, columns, z_min, z_max, reach=(-255.9, 255.9)):
     -------
     :class:`Windows`
     """
-    near, far = lines.column_at(z_min / DEPTH_MARGIN), lines.column_at(z_max * DEPTH_MARGIN)
-    low = np.minimum(near, far) - WINDOW_MARGIN_PX
-    high = np.maximum(near, far) + WINDOW_MARGIN_PX
+    low, high = window_columns(lines.alpha, lines.beta, z_min, z_max)
     low, high = np.maximum(low, reach[0]), np.minimum(high, reach[1])
     outside = np.flatnonzero(low >= high)
     if len(outside):
@@ -124,9 +138,8 @@ def choose_windows(lines, columns, z_min, z_max, reach=(-255.9, 255.9)):
             f"Beams {_named(lines.numbers[outside], columns)} never come within 256 px of the "
             "image centre where the lens model is valid: turn the projector, or take it for "
             "another depth range.")
-    near, far = lines.column_at(z_min / NEAR_GUARD), -lines.beta / lines.alpha
-    distance = separations(lines.a, lines.b, low, high, np.minimum(near, far),
-                           np.maximum(near, far))
+    distance = separations(lines.a, lines.b, low, high,
+                           *spot_columns(lines.alpha, lines.beta, z_min))
     separation, neighbour = distance.min(axis=1), distance.argmin(axis=1)
     limit = max(SEPARATION_PX, SEPARATION_SIGMAS * lines.sigma_v)
     close = np.flatnonzero(separation < limit)

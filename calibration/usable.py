@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.identity import USABLE_SHARE
+from calibration.projector import predict
 from model.errors import UserError
 
 __all__ = ["MIN_PLANES", "UsableBeams", "check_distances", "drop_scattered",
-           "relative_areas", "remarks", "usable_beams"]
+           "relative_areas", "remarks", "seen_dead", "usable_beams"]
 
 #: A line through fewer planes has nothing left to be checked with.
 MIN_PLANES = 4
@@ -16,6 +17,8 @@ MIN_PLANES = 4
 OVERBRIGHT_AREA, DIM_AREA = 1.35, 0.5
 #: Share of the expected spots of a missing row that may be there by chance.
 _STRAY_SHARE = 0.25
+#: A spot that is so near to where a dead beam's would be is one, px.
+_SEEN_PX = 3.0
 
 
 @dataclass(frozen=True)
@@ -28,10 +31,13 @@ class UsableBeams:
         Of the usable beams.
     left_out : :class:`dict`
         From the number of a beam to the reason, in words.
+    dead : frozenset of :class:`int`
+        Beams among them that are known to be dead.
     """
 
     observations: object = field(repr=False)
     left_out: dict
+    dead: frozenset = frozenset()
 
 
 def _reason(found, expected):
@@ -44,16 +50,18 @@ def _reason(found, expected):
     return f"found at {found} of the {expected} distances that should show it"
 
 
-def _check_number(observations, left_out, mesh):
-    """Refuse a mesh of which too little is left."""
-    total = mesh.rows * mesh.columns
+def _check_number(observations, left_out, dead, mesh):
+    """Refuse a mesh of which too little is left; beams known to be dead do not count."""
+    total = mesh.beams - len(dead)
     if observations.beams >= max(1, USABLE_SHARE * total):
         return
+    left_out = {beam: reason for beam, reason in left_out.items() if beam not in dead}
     words = [f"{beam} (row {beam // mesh.columns}, column {beam % mesh.columns}): {reason}"
              for beam, reason in sorted(left_out.items())]
     more = f"; and {len(words) - 6} more" if len(words) > 6 else ""
     raise UserError(
-        f"Only {observations.beams} of the {total} beams can be used, at least "
+        f"Only {observations.beams} of the {total} beams{' that are alive' * bool(dead)} can be "
+        "used, at least "
         f"{USABLE_SHARE:.0%} are needed; left out are {'; '.join(words[:6])}{more}: move the "
         "planes so that the beams stay in the picture, clean the projector, or set another "
         "threshold.")
@@ -90,11 +98,11 @@ def _check_outer_rows(found, expected, mesh):
                 f"{key} in [projector] of capture.toml.")
 
 
-def usable_beams(observations, mesh, expected):
+def usable_beams(observations, mesh, expected, dead=()):
     """Leave out the beams that were found at fewer than four distances.
 
     Raises :class:`UserError` if there are fewer than four distances at all, or if less than half
-    of the mesh is left.
+    of the mesh is left, dead beams not counted.
 
     Parameters
     ----------
@@ -104,6 +112,8 @@ def usable_beams(observations, mesh, expected):
         Gives rows and columns.
     expected : array (beams,) of :class:`int`
         Distances at which each beam is inside the picture.
+    dead : iterable of :class:`int`
+        Beams that are known to be dead.
 
     Returns
     -------
@@ -114,9 +124,10 @@ def usable_beams(observations, mesh, expected):
     _check_outer_rows(found, expected, mesh)
     left_out = {int(observations.numbers[beam]): _reason(int(found[beam]), int(expected[beam]))
                 for beam in np.flatnonzero(found < MIN_PLANES)}
+    left_out |= {int(beam): "known to be dead" for beam in dead}
     kept = observations.only(found >= MIN_PLANES)
-    _check_number(kept, left_out, mesh)
-    return UsableBeams(kept, left_out)
+    _check_number(kept, left_out, dead, mesh)
+    return UsableBeams(kept, left_out, frozenset(dead))
 
 
 def drop_scattered(usable, lines, mesh):
@@ -142,8 +153,37 @@ def drop_scattered(usable, lines, mesh):
         int(lines.numbers[beam]): f"only {int(lines.planes[beam])} of its spots lie on a line"
         for beam in scattered}}
     kept = usable.observations.only(lines.planes >= MIN_PLANES)
-    _check_number(kept, left_out, mesh)
-    return UsableBeams(kept, left_out)
+    _check_number(kept, left_out, usable.dead, mesh)
+    return UsableBeams(kept, left_out, usable.dead)
+
+
+def seen_dead(usable, planes, identity, lens):
+    """The usable beams, and with the reasons of dead ones whether spots are where theirs would be.
+
+    Parameters
+    ----------
+    usable : :class:`UsableBeams`
+        From :func:`usable_beams`.
+    planes : sequence of :class:`calibration.identity.PlaneSpots`
+        Spots of all plane frames.
+    identity : :class:`calibration.identity.Identity`
+        Of them.
+    lens : :class:`calibration.lens.Lens`
+        Lens.
+    """
+    left_out = dict(usable.left_out)
+    row, column = identity.projector.positions()
+    for beam in usable.dead:
+        seen = set()
+        for plane, beams in zip(planes, identity.beams, strict=True):
+            x, y = predict(lens, row[beam], column[beam], identity.projector.parameters(),
+                           1 / (plane.z_mm + identity.offset_mm))[0]
+            if (np.hypot(plane.x - x, plane.y - y)[beams < 0] < _SEEN_PX).any():
+                seen.add(plane.z_mm)
+        if len(seen) >= MIN_PLANES:
+            left_out[beam] += (f", but there are spots where its own would be at {len(seen)} "
+                               "distances: is it the right row and column?")
+    return UsableBeams(usable.observations, left_out, usable.dead)
 
 
 def relative_areas(planes, beams, count):

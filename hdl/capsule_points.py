@@ -65,7 +65,7 @@ class CapsulePoints(wiring.Component):
         Members for the registers that are used.
     """
 
-    _pixel_registers = register_ports(*Noise.registers, "weighted")
+    _pixel_registers = register_ports(*Noise.registers, *Background.registers, "weighted")
     _spot_registers = Reconstruction.registers
     registers = {**_pixel_registers, **_spot_registers}
 
@@ -147,7 +147,8 @@ class CapsulePoints(wiring.Component):
             noise.i.valid.eq(background.o.valid & background.o.ready),
             noise.i.payload.eq(background.o.payload),
             background.dent.eq(noise.dent),
-            *(getattr(noise, name).eq(register[name]) for name in noise.registers),
+            *(getattr(block, name).eq(register[name]) for block in (background, noise)
+              for name in block.registers),
         ]
         return background, noise
 

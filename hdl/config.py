@@ -28,13 +28,13 @@ class Config:
     width, height : :class:`int`
         Sensor size in pixels, 16 to 512 each.
     beams : :class:`int`
-        Beams of the laser mesh (the paper's K), 1 to 128.
+        Beams of the laser mesh (the paper's K), 1 to 512.
     lanes : :class:`int`
         Epipolar lines that are compared at a time (P), 1 to ``beams``.
     spot_depth : :class:`int`
         Spots that may wait for the stereo unit.
     mean_window : :class:`int`
-        Side of the window of the local mean in pixels, odd, 5 to 21; the sensor must be at least
+        Side of the window of the local mean in pixels, odd, 5 to 31; the sensor must be at least
         twice as wide, and as high. Not used by the preset ``paper``.
     labels : :class:`int`
         Provisional labels of the two-pass labelling, best one less than a power of two; not used
@@ -61,7 +61,7 @@ class Config:
     beams: int = 49
     lanes: int = 2
     spot_depth: int = 64
-    mean_window: int = 9
+    mean_window: int = 11
     labels: int = 1023
     converter_latency: int | None = None
     converter_interval: int = 2

@@ -1,6 +1,8 @@
 """Verilog of a block, with port names that VHDL can also spell."""
 
+import gc
 import re
+from contextlib import contextmanager
 
 from amaranth._toolchain.yosys import find_yosys
 from amaranth.back import rtlil
@@ -60,6 +62,19 @@ def flat_ports(component):
     return ports
 
 
+@contextmanager
+def _collector_off():
+    """Without Python's garbage collector, which would take nearly half of the time: Amaranth makes
+    millions of small objects that are all in use until the end."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
 def to_rtlil(component, name):
     """RTLIL of ``component`` as module ``name``, ports named as :func:`flat_ports` does.
 
@@ -68,8 +83,9 @@ def to_rtlil(component, name):
     NameError
         If the block shares its name with one of its ports, which VHDL does not allow.
     """
-    return rtlil.convert(component, name=name, ports=_named_ports(component, name),
-                         emit_src=False)
+    with _collector_off():
+        return rtlil.convert(component, name=name, ports=_named_ports(component, name),
+                             emit_src=False)
 
 
 def rtlil_to_verilog(text):

@@ -7,12 +7,16 @@ fields are then zero.
 
 from amaranth.hdl import signed, unsigned
 from amaranth.lib import data, enum
+from amaranth.utils import bits_for
+
+from hdl.protocol import MOST_BEAMS
 
 __all__ = [
-    "FRACTION_BITS", "COORDINATE_BITS", "AREA_LIMIT", "CONTRAST_FRACTION_BITS", "NOISE_BITS",
-    "Marker", "GreyPixel", "ContrastPixel", "MaskPixel", "Spot", "QueuedSpot", "Counts", "Centre",
-    "Undistorted", "Status", "Match", "Point", "FrameInfo", "Detection", "FrameTag", "PacketOctet",
-    "MemoryCommand", "StoredFrame", "OverlaySpot",
+    "FRACTION_BITS", "COORDINATE_BITS", "BEAM_BITS", "AREA_LIMIT", "AREA_CODE_BITS",
+    "CONTRAST_FRACTION_BITS", "NOISE_BITS", "Marker", "GreyPixel", "ContrastPixel", "MaskPixel",
+    "Spot", "QueuedSpot", "Counts", "Centre", "Undistorted", "Status", "Match", "Point",
+    "FrameInfo", "Detection", "FrameTag", "PacketOctet", "MemoryCommand", "StoredFrame",
+    "OverlaySpot",
 ]
 
 #: Bits behind the binary point of a coordinate in pixels.
@@ -21,13 +25,19 @@ FRACTION_BITS = 9
 COORDINATE_BITS = 18
 #: Bits behind the binary point of a pixel's contrast in grey values.
 CONTRAST_FRACTION_BITS = 4
+#: Bits of the number of a beam.
+BEAM_BITS = bits_for(MOST_BEAMS - 1)
 #: Bits of a frame's noise, in eighths of a grey value.
 NOISE_BITS = 9
 #: An area counter stops here: the component has more pixels than any spot may have.
-AREA_LIMIT = 256
+AREA_LIMIT = 1024
+#: Bits of an area's code: the area below 256 pixels, 128 + area // 2 below 512, 256 + area // 4
+#: from there on.
+AREA_CODE_BITS = 9
 
-_WEIGHT_BITS = 16  # 255 pixels of weight 256
-_SUM_BITS = 25  # 65,280 times a row or column below 512
+_AREA_BITS = 11
+_WEIGHT_BITS = 18  # 1,023 pixels of weight 256
+_SUM_BITS = 27  # 261,888 times a row or column below 512
 
 
 class Marker(data.Struct):
@@ -50,15 +60,17 @@ class GreyPixel(data.Struct):
 
 
 class ContrastPixel(data.Struct):
-    """A pixel against its surroundings, signed Q8.4.
+    """A pixel against its surroundings.
 
-    ``difference`` is the grey value less the local mean, ``smooth`` that of the smoothed image. A
-    ``dent`` parts two spots. ``border`` pixels stand in the outermost rows and columns.
-    ``saturated`` ones have the largest grey value.
+    ``difference`` is the grey value less the local mean, signed Q8.4, ``smooth`` that of the
+    smoothed image, signed Q8.3. A
+    ``dent`` parts two spots. ``border`` pixels, in the outermost rows and the last column, have no
+    ``smooth``.
+    ``saturated`` ones are at the sensor's maximum.
     """
 
     difference: signed(9 + CONTRAST_FRACTION_BITS)
-    smooth: signed(9 + CONTRAST_FRACTION_BITS)
+    smooth: signed(8 + CONTRAST_FRACTION_BITS)
     dent: 1
     border: 1
     saturated: 1
@@ -68,12 +80,14 @@ class ContrastPixel(data.Struct):
 class MaskPixel(data.Struct):
     """A pixel that is lit or dark.
 
-    ``excess`` is the grey value above the level, zero where the pixel is dark. A component without
-    any ``core`` pixel is no spot.
+    ``excess`` is the grey value above the level; it has no meaning where the pixel is dark. A
+    component without any ``core`` pixel is no spot. ``saturated`` pixels are at the sensor's
+    maximum; preset ``paper`` has none.
     """
 
     lit: 1
     core: 1
+    saturated: 1
     excess: 8
     marker: Marker
 
@@ -82,24 +96,29 @@ class Spot(data.Struct):
     """What a component's pixels add up to, or (``end``) the end of a frame's components.
 
     ``area`` stops at :data:`AREA_LIMIT`; the sums of such a component read zero, so that no sum
-    that is ever used has wrapped.
+    that is ever used has wrapped. ``core`` and ``saturated``: a pixel is; ``border``: a pixel
+    stands in an outermost row or column.
     """
 
     end: 1
     broken: 1
     core: 1
-    area: 9
+    saturated: 1
+    border: 1
+    area: _AREA_BITS
     weight: unsigned(_WEIGHT_BITS)
     sum_u: unsigned(_SUM_BITS)
     sum_v: unsigned(_SUM_BITS)
 
 
 class QueuedSpot(data.Struct):
-    """A component that waits for its centre."""
+    """A component that waits for its centre; ``area`` is a code, see :data:`AREA_CODE_BITS`."""
 
     end: 1
     rejected: 1
-    area: 8
+    area: AREA_CODE_BITS
+    saturated: 1
+    border: 1
     weight: unsigned(_WEIGHT_BITS)
     sum_u: unsigned(_SUM_BITS)
     sum_v: unsigned(_SUM_BITS)
@@ -119,7 +138,9 @@ class Centre(data.Struct):
 
     end: 1
     rejected: 1
-    area: 8
+    area: AREA_CODE_BITS
+    saturated: 1
+    border: 1
     u: unsigned(COORDINATE_BITS)
     v: unsigned(COORDINATE_BITS)
 
@@ -129,7 +150,9 @@ class Undistorted(data.Struct):
 
     end: 1
     rejected: 1
-    area: 8
+    area: AREA_CODE_BITS
+    saturated: 1
+    border: 1
     u: unsigned(COORDINATE_BITS)
     v: unsigned(COORDINATE_BITS)
     x: signed(COORDINATE_BITS)
@@ -150,20 +173,28 @@ class Match(data.Struct):
 
     end: 1
     status: Status
-    beam: 7
-    area: 8
+    beam: BEAM_BITS
+    area: AREA_CODE_BITS
+    saturated: 1
+    border: 1
     u: unsigned(COORDINATE_BITS)
     v: unsigned(COORDINATE_BITS)
     x: signed(COORDINATE_BITS)
 
 
 class Point(data.Struct):
-    """A spot with its inverse depth, in units that the calibration chose; 72 bits."""
+    """A spot with its inverse depth, in units that the calibration chose.
+
+    ``beam`` and ``inverse_z`` are zero unless the status is ok, and ``inverse_z`` is not zero where
+    it is.
+    """
 
     end: 1
     status: Status
-    beam: 7
-    area: 8
+    beam: BEAM_BITS
+    area: AREA_CODE_BITS
+    saturated: 1
+    border: 1
     u: unsigned(COORDINATE_BITS)
     v: unsigned(COORDINATE_BITS)
     inverse_z: unsigned(18)
@@ -202,7 +233,7 @@ class Detection(data.Struct):
 
     ``learning`` tells that there was no level yet. ``level`` is the one from which on pixels were
     lit, unsigned Q8.4, ``noise`` what it is a multiple of, in eighths of a grey value.
-    ``saturated`` counts pixels of the largest grey value.
+    ``saturated`` counts pixels at the sensor's maximum.
     """
 
     learning: 1

@@ -23,11 +23,11 @@ PRESET_NAMES = ("capsule", "paper")
 #: Least and largest width and height of a sensor.
 SENSOR_PIXELS = (16, 512)
 #: Least and largest side of the window of the local mean; it is odd.
-MEAN_WINDOW_PIXELS = (5, 21)
+MEAN_WINDOW_PIXELS = (5, 31)
 #: Beams of the largest mesh.
-MOST_BEAMS = 128
+MOST_BEAMS = 512
 #: Version of packets and commands.
-PROTOCOL_VERSION = 4
+PROTOCOL_VERSION = 5
 #: Version of the formats of the tables; the calibration file's own number follows it.
 TABLE_VERSION = 1
 #: Octets of a packet on the wire, both delimiters included: the payload of one 802.15.4 frame.
@@ -51,19 +51,21 @@ class Field:
 
 
 class COMPACT:
-    """The compact form of an ok point, bits from the lowest: `long`, v, u, area.
+    """The compact form of an ok point, bits from the lowest: `long`, v, u, area, two flags.
 
     Short (``long`` = 0): v as ``v - v_before + V_OFFSET`` in V_BITS, u in 18, area in AREA_BITS.
-    Long (``long`` = 1): v in 18, u in 18, area in 8. ``v_before`` is the v of the point before in
-    the same packet, 0 for the first. A point is short if its values fit. Points follow each other
-    without padding; zeros fill the last octet.
+    Long (``long`` = 1): v in 18, u in 18, the area's code in 9, ``saturated``, ``border``.
+    ``v_before`` is the v of the point before in the same packet, 0 for the first. A point is short
+    if its values fit and it has no flag. Points follow each other without padding; zeros fill the
+    last octet. The area's code is the area below 256 pixels, 128 + area // 2 below 512, and 256 +
+    area // 4 from there on.
     """
 
     V_BITS = 12
     V_OFFSET = 512  # one pixel
     AREA_BITS = 6
     SHORT_BITS = 1 + V_BITS + 18 + AREA_BITS
-    LONG_BITS = 1 + 18 + 18 + 8
+    LONG_BITS = 1 + 18 + 18 + 9 + 2
 
 
 class PacketKind(IntEnum):
@@ -71,9 +73,9 @@ class PacketKind(IntEnum):
 
     POINTS = 0x50  # number (low octet), compact points
     POINTS_LAST = 0x51  # number (low octet), compact points, trailer
-    RECORDS = 0x52  # number (low octet), records of 9 octets
-    RECORDS_LAST = 0x53  # number (low octet), records of 9 octets, trailer
-    UNMATCHED = 0x54  # number (low octet), records of 9 octets: spots that are not ok
+    RECORDS = 0x52  # number (low octet), records of 10 octets
+    RECORDS_LAST = 0x53  # number (low octet), records of 10 octets, trailer
+    UNMATCHED = 0x54  # number (low octet), records of 10 octets: spots that are not ok
     TEXTURE = 0x58  # number (low octet), row (16 bits), column (16 bits), pixels to the right
     TEXTURE_FRAME = 0x59  # number (low octet), TEXTURE_FIELDS
     REPLY = 0x5A  # tag, command, reason, data
@@ -100,11 +102,11 @@ TRAILER_FIELDS = (
                        "or in the preset `paper` above 0"),
     Field("grey_noise", 16, "noise that the level is a multiple of, in eighths of a grey value; 0 "
                             "in the preset `paper`"),
-    Field("saturated", 24, "pixels of grey value 255; 0 in the preset `paper`"),
+    Field("saturated", 24, "pixels of grey value `saturation` or more; 0 in the preset `paper`"),
     Field("skipped", 8, "frames skipped before this one because a buffer was full, at most 255"),
     Field("exposure_us", 16, "integration time, microseconds"),
     Field("timestamp_us", 24, "start of the integration, microseconds, modulo 2^24"),
-    Field("check", 16, "CRC-16/IBM-SDLC over beam (7 bits) and 1/z (18 bits) of every ok point, in "
+    Field("check", 16, "CRC-16/IBM-SDLC over beam (9 bits) and 1/z (18 bits) of every ok point, in "
                        "their order, low bits first, without padding"),
     Field("spots", 8, "connected components; in preset `capsule` those with a core"),
     Field("ok", 8, "points with a beam and a depth"),
@@ -134,7 +136,7 @@ class Command(IntEnum):
     IDENTIFY = 0x01  # no data; reply: IDENTITY_FIELDS
     WRITE = 0x02  # register (8 bits), value (32)
     READ = 0x03  # register (8); reply: its value as written, 32
-    BEGIN = 0x04  # width (16), height (16), beams (8), TABLE_VERSION (8): a new set of tables
+    BEGIN = 0x04  # width (16), height (16), beams (16), TABLE_VERSION (8): a new set of tables
     TABLE = 0x05  # table (8), first word (16), words
     COMMIT = 0x06  # CRC-32 of every table's words, 32 each: check, swap at the next frame's start
     READ_TABLE = 0x07  # table (8), first word (16), number (8); reply: words of the new set
@@ -210,8 +212,8 @@ def registers(clock_hz=16_000_000, baud=115_200):
         Register(0x13, "erosion_mode", 2, 2, "0 off, 1 erode, 2 gate", high=2),
         Register(0x14, "weighted", 1, 1, "weigh pixels by what they exceed the lit level by, plus "
                  "1; preset `capsule` only"),
-        Register(0x15, "area_min", 8, 2, "smallest area of a spot in pixels", low=1),
-        Register(0x16, "area_max", 8, 255, "largest area of a spot in pixels", low=1),
+        Register(0x15, "area_min", 10, 2, "smallest area of a spot in pixels", low=1),
+        Register(0x16, "area_max", 10, 1023, "largest area of a spot in pixels", low=1),
         Register(0x17, "report_rejected", 1, 0, "send rejected spots too, while the queue is less "
                  "than half full"),
         Register(0x18, "principal_u", 18, 0, "principal point, unsigned Q9.9 pixels"),
@@ -222,15 +224,17 @@ def registers(clock_hz=16_000_000, baud=115_200):
                  "learnt one; 0 to learn it; this and the next three in preset `capsule` only"),
         Register(0x1D, "lit_gain", 6, 18, "lit level as a multiple of the noise, unsigned Q2.4",
                  low=1),
-        Register(0x1E, "core_gain", 6, 40, "core level, likewise", low=1),
+        Register(0x1E, "core_gain", 6, 24, "core level of the smoothed image, likewise", low=1),
         Register(0x1F, "dent_gain", 6, 4, "depth of a dent, likewise; 0 for no dents"),
         Register(0x20, "divisor", 16, divisor, "clocks per bit of the serial line", low=2,
                  only_stopped=True),
-        Register(0x21, "full_records", 1, 0, "send points as records of 9 octets with beam and "
+        Register(0x21, "full_records", 1, 0, "send points as records of 10 octets with beam and "
                  "1/z"),
         Register(0x22, "texture_enable", 1, 1, "send texture"),
-        Register(0x23, "points_max", 8, 72, "ok points of a frame that are sent at most; "
+        Register(0x23, "points_max", 9, 72, "ok points of a frame that are sent at most; "
                  "0 is no limit"),
+        Register(0x24, "saturation", 8, 255, "grey value from which on a pixel is saturated; "
+                 "preset `capsule` only", low=1),
     )
 
 
@@ -261,17 +265,17 @@ class Table:
 
 
 #: Tables of every chip, in the order of their CRCs in COMMIT. `words` of depth and beams are those
-#: of 128 beams; a chip with K beams takes 2 K and K, and no others. The CRC-32 (ISO-HDLC) goes over
-#: the words' octets as TABLE carries them.
+#: of MOST_BEAMS; a chip with K beams takes 2 K and K, and no others. The CRC-32 (ISO-HDLC) goes
+#: over the words' octets as TABLE carries them.
 TABLES = (
-    Table(0, "depth", 256, (
+    Table(0, "depth", 2 * MOST_BEAMS, (
         Field("depth", 36, "2k: alpha of beam k, signed 18 bits, 12 of them fraction; 2k + 1: "
               "beta, signed 36 bits, 12 of them fraction; 1/z = alpha x + beta"),)),
     Table(1, "reciprocal", 256, (
         Field("reciprocal", 36, "see model/preprocessing/centre.py"),), banked=False),
     Table(2, "radial", 1024, (
         Field("radial", 18, "radial scale, see model/stereo/undistort.py"),)),
-    Table(3, "beams", 128, (
+    Table(3, "beams", MOST_BEAMS, (
         Field("line", 36, "line k: slope, signed Q0.17, 18 bits; offset, signed Q9.9, 18"),
         Field("window", 36, "tolerance, unsigned Q4.5, 9 bits (0 disables the beam); least and "
               "largest x, signed Q9.4, 13 bits each; 1 bit zero"))),
@@ -295,6 +299,7 @@ GUARD_CAUSES = (
     "duty",  # too much light in the window
     "not_armed",  # light was requested without valid tables or capture
     "heartbeat",  # frames stopped arriving
+    "upset",  # a bit flipped in the guard's own registers; it began again as after a reset
 )
 
 #: The laser guard's limits in microseconds, which no register changes.
@@ -312,7 +317,7 @@ IDENTITY_FIELDS = (
     Field("tables", 8, "TABLE_VERSION"),
     Field("width", 16, "sensor width, pixels"),
     Field("height", 16, "sensor height, pixels"),
-    Field("beams", 8, "beams of the mesh"),
+    Field("beams", 16, "beams of the mesh"),
     Field("lanes", 8, "epipolar lines compared at a time"),
     Field("preset", 8, "0 capsule, 1 paper"),
     Field("clock_khz", 16, "system clock"),

@@ -77,4 +77,5 @@ class Capsule:
                 dropped=dropped, spots=counts["spots"], rejected=counts["rejected"])
         self._noise = learnt
         number, self.number = self.number, (self.number + 1) & 0xFFFF
-        return replace(result, number=number, saturated=int(np.count_nonzero(image == 255)))
+        saturated = int(np.count_nonzero(image >= settings.saturation))
+        return replace(result, number=number, saturated=saturated)

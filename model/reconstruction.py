@@ -34,5 +34,7 @@ def reconstruct(spots, settings, width, height):
     status, beam, inverse_z = inverse_depth(x, beam, status, settings.depth)
     points = np.zeros(len(spots), POINT)
     points["status"], points["beam"], points["inverse_z"] = status, beam, inverse_z
-    points["area"], points["u"], points["v"] = spots["area"], u, v
+    points["u"], points["v"] = u, v
+    for name in ("area", "saturated", "border"):
+        points[name] = spots[name]
     return points

@@ -36,7 +36,9 @@ class Settings:
     weighted : :class:`bool`
         Weigh pixels by their excess above the lit level, plus 1, instead of 1.
     area_min, area_max : :class:`int`
-        Areas of spots in pixels, both included, 1 to 255.
+        Areas of spots in pixels, both included, 1 to 1023.
+    saturation : :class:`int`
+        Grey value of the sensor's maximum: pixels from it on are saturated. Preset ``capsule``.
     report_rejected : :class:`bool`
         Send rejected spots too, not only their number.
     principal_u, principal_v : :class:`int`
@@ -50,17 +52,18 @@ class Settings:
         but for the preset ``paper``.
     """
 
-    mean_window: int = 9
+    mean_window: int = 11
     fixed_noise: int = 0
     lit_gain: int = 18
-    core_gain: int = 40
+    core_gain: int = 24
     dent_gain: int = 4
     level_fixed: int | None = None
     threshold_alpha: int = 5 << 4
     erosion: str = "gate"
     weighted: bool = True
     area_min: int = 2
-    area_max: int = 255
+    area_max: int = 1023
+    saturation: int = 255
     report_rejected: bool = False
     principal_u: int = 0
     principal_v: int = 0

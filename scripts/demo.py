@@ -19,7 +19,7 @@ from scripts.cyclope import cli
 from scripts.cyclope.program import program
 from scripts.paths import ROOT
 
-__all__ = ["main", "prepare"]
+__all__ = ["main", "prepare", "refresh"]
 
 FOLDER = ROOT / "out" / "demo"
 #: Fewer beams found than this, and something is broken.
@@ -49,7 +49,7 @@ _FRAMES, _SCENES = 24, 12
 _RECEIVED = _FRAMES + 1
 
 
-def _stamp():
+def _makers_digest():
     """A hash of all programs that make the capture and the calibration."""
     digest = hashlib.sha256()
     for name in _MAKERS:
@@ -77,18 +77,31 @@ def _command(*words):
         sys.exit(status)
 
 
-def prepare(folder):
-    """Capture and calibration in ``folder``, remade only if necessary; gives their paths."""
-    stamp, capture, calibration = folder / "stamp", folder / "capture", folder / "calibration.json"
-    wanted = _stamp()
-    if stamp.exists() and stamp.read_text() == wanted and capture.exists() and calibration.exists():
-        print("capture and calibration are there already")
-        return capture, calibration
+def refresh(folder, names, make):
+    """Have ``make()`` fill a new ``folder`` if it does not hold the files ``names``, made by these
+    programs; gives whether it did."""
+    stamp, wanted = folder / "stamp", _makers_digest()
+    if stamp.exists() and stamp.read_text() == wanted and all(
+            (folder / name).exists() for name in names):
+        return False
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    _command("simulate", "polyp", capture, "--rig", "endoscope", "--frames", "12", "--seed", "1")
-    _command("calibrate", capture, "-o", calibration)
+    make()
     stamp.write_text(wanted)
+    return True
+
+
+def prepare(folder):
+    """Capture and calibration in ``folder``, remade only if necessary; gives their paths."""
+    capture, calibration = folder / "capture", folder / "calibration.json"
+
+    def make():
+        _command("simulate", "polyp", capture, "--rig", "endoscope", "--frames", "12", "--seed",
+                 "1")
+        _command("calibrate", capture, "-o", calibration)
+
+    if not refresh(folder, (capture.name, calibration.name), make):
+        print("capture and calibration are there already")
     return capture, calibration
 
 
@@ -102,7 +115,7 @@ def _run_instrument(folder, calibration):
     shutil.rmtree(result, ignore_errors=True)
     print("building and starting the instrument", flush=True)
     emulator = Emulator("polyp", RIGS["endoscope"], seed=2, scenes=_SCENES)
-    with Terminal(emulator, speed=None) as terminal:
+    with Terminal(emulator, step_us=200, speed=None) as terminal:
         _command("load", terminal.path, calibration, "--start")
         _command("receive", terminal.path, "--calibration", calibration, "--frames", _RECEIVED,
                  "-o", result)

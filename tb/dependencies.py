@@ -39,9 +39,13 @@ _SEARCHES = {"import_module", "__import__", "glob", "rglob", "iterdir", "listdir
              "spec_from_file_location"}
 _PROCESSES = {"subprocess", "Popen", "system", "popen", "spawnv", "multiprocessing"}
 #: Their processes are simulators, provers and compilers, which get what they read from them, and
-#: they look for files in folders of what is built only; and this file.
+#: they look for files in folders of what is built or of what a user has only; and this file.
 _KNOWN = {"tb/hdlsim.py", "tb/formal/symbiyosys.py", "scripts/simulation/compiler.py",
-          "tb/dependencies.py"}
+          "tb/dependencies.py", "calibration/capture.py", "calibration/files.py",
+          "scripts/results/frames.py", "scripts/results/measurement.py",
+          "scripts/results/outputs.py", "scripts/simulation/spot_engine.py"}
+#: The folder within which a file looks for Python.
+_WITHIN = {"scripts/simulation/sources.py": "hdl/"}
 _MODULE = re.compile(rf"\b(?:{'|'.join(PACKAGES)})(?:\.\w+)+")
 #: The beginning of a module's name, to which something is added.
 _PART = re.compile(rf"\b(?:{'|'.join(PACKAGES)})(?:\.\w+)*\.(?:\w+_)?$")
@@ -198,7 +202,8 @@ class Dependencies:
                 needs.update(
                     each for each in self.names if each == file or each.endswith(f"/{file}"))
         if facts.searches:
-            needs |= self._others
+            within = _WITHIN.get(name, "")
+            needs |= {each for each in self._others if each.startswith(within)}
         if facts.starts and name.startswith("tb/"):
             needs |= self._others | {each for each in self.names if not each.endswith(".py")}
         return needs

@@ -1,21 +1,31 @@
 """What every bench needs: stream sources and sinks with gaps and stalls, clock and reset."""
 
+import gc
 import json
 import os
 import random
 
 from cocotb.clock import Clock
-from cocotb.triggers import ClockCycles, Event, First, RisingEdge, ValueChange
+from cocotb.triggers import ClockCycles, Event, First, RisingEdge, Timer, ValueChange
+from cocotb.types import Logic
 from cocotb.utils import get_sim_steps, get_sim_time
 from cocotb_bus.drivers import BusDriver
 from cocotb_bus.monitors import BusMonitor
 
-__all__ = ["Bench", "StreamSink", "StreamSource", "is_high", "parameters", "start_clock"]
+gc.set_threshold(100_000, 20, 100)  # as in conftest.py
+
+__all__ = ["Bench", "StreamSink", "StreamSource", "clock_cycles", "is_high", "parameters",
+           "start_clock"]
+
+
+_HIGH = Logic(1)
+#: Of the clock of a :class:`Bench`.
+_PERIOD_NS = 10
 
 
 def is_high(signal):
     """Whether a signal of one bit is 1."""
-    return signal.value == 1
+    return signal.value == _HIGH
 
 
 def parameters():
@@ -26,6 +36,18 @@ def parameters():
 def start_clock(signal, period, unit="ps"):
     """Start a clock with a rising edge; the simulator makes it, which takes no Python."""
     Clock(signal, period, unit=unit, impl="gpi").start()
+
+
+async def clock_cycles(clock, count):
+    """Wait for ``count`` rising edges of a :class:`Bench`'s clock, and wake for the last one only.
+
+    :class:`cocotb.triggers.ClockCycles` wakes for all of them. To be called at an edge.
+    """
+    if count > 2:
+        await Timer(_PERIOD_NS * count - _PERIOD_NS // 2, unit="ns")
+        count = 1
+    for _ in range(count):
+        await RisingEdge(clock)
 
 
 class StreamSource(BusDriver):
@@ -47,13 +69,16 @@ class StreamSource(BusDriver):
     async def _driver_send(self, transaction, sync=True):
         valid, ready, payload = self.bus.valid, self.bus.ready, self.bus.payload
         edge, risen = RisingEdge(self.clock), RisingEdge(ready)
+        offers = None
         if sync:
             await edge
         for word in transaction:
             while self.gap and self.rng.random() < self.gap:
-                valid.value = 0
+                if offers is not False:
+                    valid.value, offers = 0, False
                 await edge
-            valid.value = 1
+            if not offers:
+                valid.value, offers = 1, True
             payload.value = int(word)
             await edge
             while not is_high(ready):
@@ -140,7 +165,7 @@ class Bench:
 
     def __init__(self, dut, inputs=("i",), outputs=("o",), gap=0.0, stall=0.0, seed=1, plain=None):
         self.dut = dut
-        self._begin, self._period = get_sim_time("step"), get_sim_steps(10, "ns")
+        self._begin, self._period = get_sim_time("step"), get_sim_steps(_PERIOD_NS, "ns")
         self.rng = random.Random(f"bench {seed}")
         dut.rst.value = 1
         for name, value in (plain or {}).items():
@@ -149,7 +174,7 @@ class Bench:
             setattr(self, name, StreamSource(self, name, gap, seed))
         for name in outputs:
             setattr(self, name, StreamSink(self, name, stall, seed))
-        start_clock(dut.clk, 10, "ns")
+        start_clock(dut.clk, _PERIOD_NS, "ns")
 
     @property
     def cycle(self):

@@ -23,6 +23,7 @@ from scripts import paths
 from scripts.paths import ROOT
 from scripts.simulation import compiler
 from scripts.simulation.compiler import compile_verilated
+from scripts.simulation.library import ZEROS
 from scripts.simulation.verilator import verilator_environment
 from tb.verilog import cached_verilog
 
@@ -170,7 +171,7 @@ def run(request, name, test_module, *, component=None, vhdl=None, standard="08",
     if vhdl is None:
         simulator, standards = "verilator", []
         texts = {f"{name}.v": cached_verilog(component, name)} if verilog is None else verilog
-        sources = list(texts.items())
+        sources = [(label, ZEROS.sub("", text)) for label, text in texts.items()]
     else:
         require_ghdl()
         simulator, standards = "ghdl", [f"--std={standard}"]

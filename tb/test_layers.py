@@ -14,15 +14,19 @@ MAY_IMPORT = {
     "calibration": {"hdl.protocol", "model"},
     "scripts.paths": {"hdl"},  # where the package is
     "scripts.results": {"hdl", "model", "calibration", "scripts.paths"},
+    "scripts.measure": {"model", "calibration", "scripts.results"},
     "scripts.host": {"hdl", "model", "calibration", "scripts.paths", "scripts.results"},
     "scripts.simulation": {
         "hdl", "model", "calibration", "scripts.paths", "scripts.results", "scripts.host"},
+    "scripts.view": {
+        "hdl.protocol", "model", "calibration", "scripts.results", "scripts.measure",
+        "scripts.host"},
     "scripts.rtl": {"hdl", "model", "calibration", "scripts.paths"},
     "scripts.packaging": set(),
     "scripts.setup": set(),
     "scripts.cyclope": {
-        "hdl", "model", "calibration", "scripts.paths", "scripts.results", "scripts.host",
-        "scripts.simulation", "scripts.rtl"},
+        "hdl", "model", "calibration", "scripts.paths", "scripts.results", "scripts.measure",
+        "scripts.host", "scripts.view", "scripts.simulation", "scripts.rtl"},
     "scripts.demo": {
         "hdl", "model", "calibration", "scripts.paths", "scripts.results", "scripts.simulation",
         "scripts.cyclope"},

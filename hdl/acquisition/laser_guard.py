@@ -1,10 +1,11 @@
 """The ceilings on laser light that no input can pass."""
 
 from amaranth import *
-from amaranth.lib import wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from ..protocol import GUARD_CAUSES, GUARD_LIMITS_US
+from .checked_register import CheckedRegister
 
 __all__ = ["LaserGuard"]
 
@@ -37,6 +38,15 @@ class LaserGuard(wiring.Component):
 
     A pin that is high when its light ends needs one closing edge. Reset: dark.
 
+    All of this holds from the first reset on, whatever was in the registers at power-up, and also
+    if bits of the registers flip, in each clock not more than one (``make prove``). Registers that
+    light depends on have a parity, and the pin is high only while two registers say so, of which
+    one flip makes none. In the clock of the flip the pin has at most the edge that was due. Then
+    the guard begins again, as after a reset: no light for a window, and two changes of the
+    heartbeat before the next. Only the causes stay, with ``upset`` among them. In ``causes`` and
+    ``lit``, which only report, a flip is not seen. Synthesis must not merge registers that are
+    equal in every reachable state.
+
     Parameters
     ----------
     clock_hz : :class:`int`
@@ -64,7 +74,7 @@ class LaserGuard(wiring.Component):
         The pin has just changed, so there is light.
     armed : :py:`Out(1)`
         A request would be granted, within the ceilings.
-    causes : :py:`Out(5)`
+    causes : :py:`Out(6)`
         What was refused, bits in the order of :data:`hdl.protocol.GUARD_CAUSES`, until ``clear``.
         A request while not armed counts as ``heartbeat`` if that has stopped, as ``not_armed`` if
         anything else is missing.
@@ -76,6 +86,14 @@ class LaserGuard(wiring.Component):
     """
 
     latency = 1
+    FLAGS = data.StructLayout({
+        "beats": 2,  # changes since silence was too long, at most two
+        "rested": 1,  # a window has passed since the reset
+        "apart": 1,  # the repetition time has passed
+        "pulsing": 1,  # the last edge was requested
+        "blocked": 1,  # until the request has gone low
+        "pin": 1,
+    })
 
     def __init__(self, clock_hz=16_000_000, pulse_us=GUARD_LIMITS_US["pulse"],
                  repetition_us=GUARD_LIMITS_US["repetition"], window_us=GUARD_LIMITS_US["window"],
@@ -125,84 +143,98 @@ class LaserGuard(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
+        # All that light depends on, but for the inputs.
+        token = CheckedRegister(8, "token")
+        silence = CheckedRegister(range(self.pause + 2), "silence")  # since the token changed
+        # From the last pulse's first edge, or the reset, to the next clock; at most a window.
+        since = CheckedRegister(range(self.window + 1), "since")
+        length = CheckedRegister(range(self.pulse + 1), "length")  # of the pulse, or the last one
+        # The same, and the one before if it counts.
+        spent = CheckedRegister(range(self.window_on + 1), "spent")
+        flags = CheckedRegister(self.FLAGS, "flags")
+        checked = (token, silence, since, length, spent, flags)
+        state, following = flags.value, Signal(self.FLAGS)
+        wrong, upset = Signal(len(checked), attrs={"keep": 1}), Signal()
+        m.d.comb += [
+            following.eq(state),
+            wrong.eq(Cat(register.upset for register in checked)),
+            upset.eq(wrong.any()),
+        ]
+        m.d.sync += flags.eq(following)
 
         # Signs of life.
-        token = Signal(8)
-        silence = Signal(range(self.pause + 2))  # clocks since the token changed
-        beats = Signal(range(3))  # changes since silence was too long, at most two
-        beating = Signal()
-        changed = Signal()
-        silent = Signal()
+        changed, silent, beating = Signal(), Signal(), Signal()
         m.d.comb += [
-            changed.eq(self.heartbeat != token),
-            silent.eq(silence > self.pause),
-            beating.eq(beats[1] & ~silent),
+            changed.eq(self.heartbeat != token.value),
+            silent.eq(silence.value > self.pause),
+            beating.eq(state.beats[1] & ~silent),
         ]
         m.d.sync += token.eq(self.heartbeat)
         with m.If(changed):
             m.d.sync += silence.eq(1)
             with m.If(silent):
-                m.d.sync += beats.eq(1)
-            with m.Elif(~beats[1]):
-                m.d.sync += beats.eq(beats + 1)
+                m.d.comb += following.beats.eq(1)
+            with m.Elif(~state.beats[1]):
+                m.d.comb += following.beats.eq(state.beats + 1)
         with m.Elif(silent):
-            m.d.sync += beats.eq(0)
+            m.d.comb += following.beats.eq(0)
         with m.Else():
-            m.d.sync += silence.eq(silence + 1)
+            m.d.sync += silence.eq(silence.value + 1)
 
         # Light so far.
-        since = Signal(range(self.window + 1))  # from the last pulse's first edge to the next clock
-        rested = Signal()  # a window has passed since the reset
-        length = Signal(range(self.pulse + 1))  # of the pulse, or of the one before
-        spent = Signal(range(max(self.pulse, self.window_on) + 1))  # the same and the one before
-        begun = Signal.like(spent)  # what a pulse that began now would already have spent
         far = Signal()
+        begun = Signal.like(spent.value)  # what a pulse that began now would already have spent
+        whole, used, none_left = Signal(), Signal(), Signal()
         m.d.comb += [
-            far.eq(since >= self.window),
-            begun.eq(Mux(far, 0, length)),
+            far.eq(since.value == self.window),
+            begun.eq(Mux(far, 0, length.value)),
+            whole.eq(length.value == self.pulse),
+            used.eq(spent.value == self.window_on),
+            none_left.eq(~far & (length.value == self.window_on)),
         ]
         with m.If(far):
-            m.d.sync += rested.eq(1)
+            m.d.comb += following.rested.eq(1)
         with m.Else():
-            m.d.sync += since.eq(since + 1)
+            m.d.sync += since.eq(since.value + 1)
+        with m.If(since.value == self.repetition - 1):
+            m.d.comb += following.apart.eq(1)
 
         # The request against the ceilings.
-        permitted = Signal()
-        pulsing = Signal()
-        blocked = Signal()
-        allowed = Signal()
-        fresh = Signal()
-        go = Signal()
+        permitted, fresh, allowed, go = Signal(), Signal(), Signal(), Signal()
         m.d.comb += [
             permitted.eq(self.tables_valid | self.capture),
-            self.armed.eq(permitted & beating & rested),
-            fresh.eq(~pulsing & (since >= self.repetition) & (begun < self.window_on)),
-            allowed.eq(pulsing & (length < self.pulse) & (spent < self.window_on)),
-            go.eq(self.request & self.armed & ~blocked & (fresh | allowed)),
+            self.armed.eq(permitted & beating & state.rested),
+            fresh.eq(~state.pulsing & state.apart & ~none_left),
+            allowed.eq(state.pulsing & ~whole & ~used),
+            go.eq(self.request & self.armed & ~state.blocked & (fresh | allowed)),
+            following.pulsing.eq(go),
+            following.blocked.eq(self.request & ~go),
+            following.pin.eq(go & ~state.pin),
+            self.laser.eq(state.pin & length.value[0]),  # equal, unless one has flipped
         ]
-        m.d.sync += [
-            pulsing.eq(go),
-            blocked.eq(self.request & ~go),
-            self.laser.eq(go & ~self.laser),
-            self.lit.eq(go | self.laser),
-        ]
-        with m.If(go & ~pulsing):
+        m.d.sync += self.lit.eq((go | state.pin) & ~upset)
+        rise = Signal()
+        m.d.comb += rise.eq(go & ~state.pulsing)
+        with m.If(rise):
+            m.d.comb += following.apart.eq(0)
             m.d.sync += [since.eq(1), length.eq(1), spent.eq(begun + 1)]
-        with m.Elif(go | self.laser):
-            m.d.sync += [length.eq(length + 1), spent.eq(spent + 1)]
+        with m.Elif(go | state.pin):
+            m.d.sync += [length.eq(length.value + 1), spent.eq(spent.value + 1)]
+        with m.If(upset):
+            m.d.sync += [register.eq(0) for register in checked]
 
         # The causes of a refusal.
         requested = Signal()
         now = Signal(len(GUARD_CAUSES))
-        m.d.comb += requested.eq(self.request & ~blocked)
+        m.d.comb += requested.eq(self.request & ~state.blocked & ~upset)
         reasons = {
-            "pulse": requested & self.armed & pulsing & (length >= self.pulse),
-            "repetition": requested & self.armed & ~pulsing & (since < self.repetition),
+            "pulse": requested & self.armed & state.pulsing & whole,
+            "repetition": requested & self.armed & ~state.pulsing & ~state.apart,
             "duty": requested & self.armed & Mux(
-                pulsing, (length < self.pulse) & (spent >= self.window_on),
-                (since >= self.repetition) & (begun >= self.window_on)),
-            "not_armed": requested & ~(permitted & rested),
-            "heartbeat": (silent & beats[1]) | (requested & ~beating),
+                state.pulsing, ~whole & used, state.apart & none_left),
+            "not_armed": requested & ~(permitted & state.rested),
+            "heartbeat": (silent & state.beats[1] & ~upset) | (requested & ~beating),
+            "upset": upset,
         }
         m.d.comb += now.eq(Cat(reasons[name] for name in GUARD_CAUSES))
         m.d.sync += self.causes.eq(now | Mux(self.clear, 0, self.causes))

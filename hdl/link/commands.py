@@ -8,6 +8,7 @@ from ..payloads import MemoryCommand, PacketOctet
 from ..ports import TABLE_PORT
 from ..protocol import (
     CONTENT_LIMIT,
+    MOST_BEAMS,
     PRESET_NAMES,
     TABLE_VERSION,
     Command,
@@ -33,7 +34,7 @@ _DATA_LIMIT = CONTENT_LIMIT - _CRC_OCTETS - _REPLY_HEAD
 _TABLE_HEAD = 5
 #: Octets of each command; TABLE takes more than this.
 _LENGTHS = {
-    Command.IDENTIFY: 2, Command.WRITE: 7, Command.READ: 3, Command.BEGIN: 8,
+    Command.IDENTIFY: 2, Command.WRITE: 7, Command.READ: 3, Command.BEGIN: 9,
     Command.TABLE: _TABLE_HEAD,
     Command.READ_TABLE: 6, Command.STATUS: 2, Command.CAPTURE: 4, Command.CLEAR: 2,
 }
@@ -117,7 +118,7 @@ class Commands(wiring.Component):
     width, height : :class:`int`
         Sensor size in pixels, 16 to 512 each.
     beams, lanes : :class:`int`
-        The paper's K and P, 1 to 128 and 1 to ``beams``.
+        The paper's K and P, 1 to :data:`hdl.protocol.MOST_BEAMS` and 1 to ``beams``.
     preset : :class:`str`
         One of :data:`hdl.protocol.PRESET_NAMES`.
     clock_hz, baud : :class:`int`
@@ -179,7 +180,7 @@ class Commands(wiring.Component):
                  baud=115_200):
         for name, value, low, high in [
                 ("Frame width", width, 16, 512), ("Frame height", height, 16, 512),
-                ("Beams", beams, 1, 128), ("Lanes", lanes, 1, beams),
+                ("Beams", beams, 1, MOST_BEAMS), ("Lanes", lanes, 1, beams),
                 ("System clock", clock_hz, 1_000_000, 65_000_000)]:
             if not isinstance(value, int) or not low <= value <= high:
                 raise ValueError(f"{name} must be an integer from {low} to {high}, not {value!r}")
@@ -370,7 +371,7 @@ class Commands(wiring.Component):
         """The command with its parameters."""
         registers, fields = s.registers, s.fields
         width, height, beams = self.sensor
-        begin = width | height << 16 | beams << 32 | TABLE_VERSION << 40
+        begin = width | height << 16 | beams << 32 | TABLE_VERSION << 48
         with m.State("EXECUTE"):
             m.d.sync += [
                 s.select.eq(s.word[:len(s.select)]), s.word_index.eq(s.first), s.words_left.eq(0),
@@ -398,7 +399,7 @@ class Commands(wiring.Component):
                     with m.If(~registers.known):
                         s.refuse(m, Reason.UNKNOWN_REGISTER)
                 with m.Case(Command.BEGIN):
-                    with m.If(s.word[:48] != begin):
+                    with m.If(s.word[:56] != begin):
                         s.refuse(m, Reason.OTHER_SENSOR)
                     with m.Elif(s.committed):
                         s.refuse(m, Reason.BUSY)

@@ -28,7 +28,7 @@ class PointLimiter(wiring.Component):
         Points and end markers.
     counts_i, counts_o : :py:`In(stream.Signature(Counts))`, :py:`Out(stream.Signature(Counts))`
         One for each frame; ``dropped`` grows by the points taken out here, and stops at 65,535.
-    limit : :py:`In(8)`
+    limit : :py:`In(9)`
         Ok points of a frame; 0 is no limit. May change only between frames.
 
     Attributes
@@ -49,7 +49,7 @@ class PointLimiter(wiring.Component):
             "o": Out(stream.Signature(Point)),
             "counts_i": In(stream.Signature(Counts)),
             "counts_o": Out(stream.Signature(Counts)),
-            "limit": In(8),
+            "limit": In(9),
         })
 
     def elaborate(self, platform):
@@ -57,7 +57,7 @@ class PointLimiter(wiring.Component):
         m.submodules.queue = queue = SyncFIFO(width=Shape.cast(Counts).width, depth=self.frames)
         point = self.i.p
 
-        passed = Signal(8)
+        passed = Signal(9)
         dropped = Signal(16)
         is_ok, over, end_ready = Signal(), Signal(), Signal()
         total = Signal(17)

@@ -93,7 +93,8 @@ class PointLink(wiring.Component):
 
         # Points to packets.
         m.submodules.point_limiter = point_limiter = spot_side(PointLimiter(FRAMES_IN_FLIGHT))
-        m.submodules.point_fifo = point_fifo = spot_side(PointFIFO())
+        m.submodules.point_fifo = point_fifo = spot_side(
+            PointFIFO(1 if self.config.beams <= 64 else 2))
         m.submodules.points = points = spot_side(Points())
         connect(m, flipped(self.i), point_limiter.i)
         connect(m, flipped(self.counts), point_limiter.counts_i)

@@ -1,26 +1,30 @@
 """Points and counts of pattern frames to packets."""
 
 from amaranth import *
-from amaranth.lib import stream, wiring
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.crc import catalog
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from ..payloads import Counts, Detection, FrameInfo, PacketOctet, Point
+from ..payloads import BEAM_BITS, Counts, Detection, FrameInfo, PacketOctet, Point
 from ..ports import register_ports
 from ..protocol import COMPACT, CONTENT_LIMIT, TRAILER_FIELDS, PacketKind
 from .packet_fields import bits_of_fields, flags_octet
 
 __all__ = ["Points"]
 
-# Where the fields of a point begin in its payload, and where it ends.
-_POINT = Point.as_shape()
-_BEAM, _AREA, _U, _V, _INVERSE_Z = (
-    _POINT[name].offset for name in ("beam", "area", "u", "v", "inverse_z"))
+# The point as it is read: where its fields begin, the label at 0, and where it ends. The label is
+# the beam of an ok point, whose 1/z is never zero, and the status of others.
+_FIELDS = ("area", "saturated", "border", "u", "v", "inverse_z")
+_POINT = data.StructLayout({
+    "label": BEAM_BITS, **{name: Point.as_shape()[name].shape for name in _FIELDS}})
+_AREA, _U, _V, _INVERSE_Z = (
+    _POINT[name].offset for name in ("area", "u", "v", "inverse_z"))
 _END = _POINT.size
 
-_RECORD_BITS = 72
-_RECORDS = 10  # in a full packet
+#: A record is whole octets; zeros follow the point.
+_RECORD_BITS = -(-_END // 8) * 8
+_RECORDS = 9  # in a full packet
 #: Bits for points: sequence number, kind, frame number and check take the rest.
 _ROOM = 8 * (CONTENT_LIMIT - 7)
 #: Counts of the trailer. Those that are counted here leave as one chain of counters.
@@ -46,7 +50,7 @@ class _Shared:
     """What the parts of the block share."""
 
     def __init__(self):
-        #: Position in the point's payload while that is read and written, else the one in head
+        #: Position in the point while that is read and written, else the one in head
         #: and trailer, or in the memory.
         self.index = Signal(10)
 
@@ -97,14 +101,14 @@ class Points(wiring.Component):
     """Packs a frame's points as they come, closes the frame with its counts.
 
     ``hdl/protocol.py`` has the format. Ok points go into packets in the compact form; the first
-    ten unmatched spots, those that are not ok, go into one packet behind the frame's last. With
+    nine unmatched spots, those that are not ok, go into one packet behind the frame's last. With
     ``full_records`` all points go into packets as records. A packet is closed when the next point
     does not fit, by length alone. Points are collected in a memory, bit by bit, so that a packet is
     offered only when it is whole: from its first octet on, one follows within 10 clocks of the
     other. The packet of unmatched spots begins within 14 clocks of the frame's last octet.
 
-    A point takes 73 clocks if it is not ok, else 75 more than its bits, if its packet has room;
-    then 73 more after the packet was taken. A point waits while the packet before it does. Points
+    A point takes 81 clocks if it is not ok, else 83 more than its bits, if its packet has room;
+    then 81 more after the packet was taken. A point waits while the packet before it does. Points
     are counted here by status. If the counts do not add up (spots = points + rejected + dropped),
     upper halves of counts may be missing in the trailer. Reset forgets everything.
 
@@ -154,7 +158,8 @@ class Points(wiring.Component):
             s.is_ok.eq(point.status.as_value() == 0),
             s.records.eq(Mux(s.in_frame, s.frame_records, self.full_records)),
             s.is_record.eq(s.records | ~s.is_ok),
-            s.bit.eq(Cat(point.as_value(), C(0, 1)).bit_select(s.index[:7], 1)),
+            s.bit.eq(Cat(point.beam | point.status.as_value(), *(point[name] for name in _FIELDS))
+                     .bit_select(s.index[:7], 1)),
         ]
         memory = self._store_bits(m, s)
         self._difference(m, s)
@@ -207,7 +212,8 @@ class Points(wiring.Component):
             s.v_step.eq(difference ^ ahead_now),
             # Of a step that fits, the bits above V_BITS are zero and so is its sign.
             s.is_long.eq(s.too_far | (s.borrow_not == s.ahead)
-                         | self.i.p.area[COMPACT.AREA_BITS:].any()),
+                         | self.i.p.area[COMPACT.AREA_BITS:].any()
+                         | self.i.p.saturated | self.i.p.border),
         ]
         with m.If((s.reading | s.writing) & s.in_v):
             m.d.sync += [
@@ -283,7 +289,7 @@ class Points(wiring.Component):
             # A CRC that is fed with what it gives, inverted, shifts out unchanged.
             check.valid.eq(Mux(
                 s.reading, s.is_ok & ~s.was_read & (
-                    (index[:7] >= _BEAM) & (index[:7] < _AREA)
+                    (index[:7] < _AREA)
                     | (index[:7] >= _INVERSE_Z) & (index[:7] < _END)),
                 s.shift & in_check)),
             check.data.eq(Mux(s.reading, s.bit, ~check.crc[0])),
@@ -308,7 +314,7 @@ class Points(wiring.Component):
         """Points to the memory, until the packet is full or the frame ends."""
         point, index = self.i.p, s.index
         with m.State("NEXT"):
-            m.d.sync += [index.eq(1), s.borrow_not.eq(1), s.ahead.eq(0), s.too_far.eq(0)]
+            m.d.sync += [index.eq(0), s.borrow_not.eq(1), s.ahead.eq(0), s.too_far.eq(0)]
             with m.If(self.i.valid):
                 m.d.sync += [s.in_frame.eq(1), s.frame_records.eq(s.records)]
             with m.If(self.i.valid & ~point.end & ~(s.records & s.points_full)):
@@ -325,7 +331,7 @@ class Points(wiring.Component):
                 s.store.eq(s.is_record & ~(s.to_unmatched & s.unmatched_full)),
             ]
             m.d.sync += index.eq(index + 1)
-            with m.If(index[:7] == _END):
+            with m.If(index[:7] == _RECORD_BITS - 1):
                 m.next = "FORM"
                 with m.If(s.is_record):
                     m.d.comb += self.i.ready.eq(1)

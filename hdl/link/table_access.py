@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from ..payloads import MemoryCommand
 from ..ports import TABLE_PORT
-from ..protocol import PRESET_NAMES, REMAP, tables
+from ..protocol import MOST_BEAMS, PRESET_NAMES, REMAP, tables
 
 __all__ = ["TableAccess"]
 
@@ -61,7 +61,7 @@ class TableAccess(wiring.Component):
             raise ValueError(f"Preset must be one of {', '.join(PRESET_NAMES)}, not {preset!r}")
         self.has_memory = preset == "paper"
         # The sensor has at most 512 x 512 pixels.
-        most = max(table.count(128, 512 * 512) for table in tables(preset))
+        most = max(table.count(MOST_BEAMS, 512 * 512) for table in tables(preset))
         super().__init__({
             "number": In(range(len(tables(preset)))),
             "address": In(range(most)),

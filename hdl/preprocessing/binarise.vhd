@@ -20,8 +20,8 @@ entity binarise is
     i_payload : in std_logic_vector(pixel_bits + 2 downto 0);
     i_ready : out std_logic;
     o_valid : out std_logic;
-    -- broken, frame_end, line_end, excess, core, lit
-    o_payload : out std_logic_vector(pixel_bits + 4 downto 0);
+    -- broken, frame_end, line_end, excess, saturated (always low), core, lit
+    o_payload : out std_logic_vector(pixel_bits + 5 downto 0);
     o_ready : in std_logic;
     level : in std_logic_vector(pixel_bits - 1 downto 0);
     enable : in std_logic
@@ -30,7 +30,7 @@ end entity;
 
 architecture rtl of binarise is
   signal valid : std_logic := '0';
-  signal payload : std_logic_vector(pixel_bits + 4 downto 0) := (others => '0');
+  signal payload : std_logic_vector(pixel_bits + 5 downto 0) := (others => '0');
   signal free : std_logic;
 begin
 
@@ -47,13 +47,13 @@ begin
       if free = '1' then
         valid <= i_valid;
         payload <= (others => '0');
-        payload(pixel_bits + 4 downto pixel_bits + 2) <=
+        payload(pixel_bits + 5 downto pixel_bits + 3) <=
           i_payload(pixel_bits + 2 downto pixel_bits);
         -- One subtraction compares (a borrow: darker than the level) and gives the excess.
         excess := ('0' & unsigned(i_payload(pixel_bits - 1 downto 0))) - ('0' & unsigned(level));
         if enable = '1' and excess(pixel_bits) = '0' and i_payload(pixel_bits + 2) = '0' then
           payload(1 downto 0) <= "11";
-          payload(pixel_bits + 1 downto 2) <= std_logic_vector(excess(pixel_bits - 1 downto 0));
+          payload(pixel_bits + 2 downto 3) <= std_logic_vector(excess(pixel_bits - 1 downto 0));
         end if;
       end if;
       if rst = '1' then

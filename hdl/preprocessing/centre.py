@@ -14,14 +14,14 @@ _SLOPE_BITS = 16
 class Centring(wiring.Component):
     """Divides the sums of a spot by its weight: multiplies by a reciprocal from a table.
 
-    The weight is shifted left, a bit a clock, until its bit 15 is set, and the sums with it; the
+    The weight is shifted left, a bit a clock, until its bit 17 is set, and the sums with it; the
     shifted weight gives the reciprocal by a table of 256 words and linear interpolation; two
     multipliers serve u and v. The result is within 0.005 px of the quotient. The arithmetic and
     the format of the table are those of :func:`model.preprocessing.centre.centres`.
 
-    A spot of weight w is taken ``19 - w.bit_length()`` clocks after the clock in which it became
+    A spot of weight w is taken ``21 - w.bit_length()`` clocks after the clock in which it became
     valid, or later if ``o`` stalls, and is valid at ``o`` one clock later. So spots follow each
-    other every 4 to 19 clocks while ``o`` is ready, and end markers take 4. Reset discards the spot
+    other every 4 to 21 clocks while ``o`` is ready, and end markers take 4. Reset discards the spot
     under way.
 
     Paper, section on the spot centres: a product with a coefficient from a table, there indexed
@@ -30,7 +30,7 @@ class Centring(wiring.Component):
     Members
     -------
     i : :py:`In(stream.Signature(QueuedSpot))`
-        Spots and end markers. Weights are 1 to 65,280, sums below 512 times the weight.
+        Spots and end markers. Weights are 1 to 261,888, sums below 512 times the weight.
     o : :py:`Out(stream.Signature(Centre))`
         The same with centres, in the same order.
     table_address : :py:`Out(8)`
@@ -44,7 +44,7 @@ class Centring(wiring.Component):
         Clocks from a spot at ``i`` to its centre at ``o``, at most: those of a spot of weight 1.
     """
 
-    latency = 19
+    latency = 21
 
     def __init__(self):
         super().__init__({
@@ -61,10 +61,10 @@ class Centring(wiring.Component):
         slope = self.table_data[:_SLOPE_BITS]
 
         # The spot stays at `i` until its centre is known: only what is shifted has registers. An
-        # end marker's sums are zero, and so is what comes of them; its weight becomes 2**15.
-        weight = Signal(16)
-        sums = [Signal(25, name=f"sum_{axis}") for axis in "uv"]
-        m.d.comb += self.table_address.eq(weight[7:15])
+        # end marker's sums are zero, and so is what comes of them; its weight becomes 2**17.
+        weight = Signal(18)
+        sums = [Signal(27, name=f"sum_{axis}") for axis in "uv"]
+        m.d.comb += self.table_address.eq(weight[9:17])
 
         # The first multiplier also interpolates.
         interpolate = Signal()
@@ -75,7 +75,7 @@ class Centring(wiring.Component):
             operand = Signal(17, name=f"operand_{axis}")
             product = Signal(34, name=f"product_{axis}")
             m.d.comb += [
-                operand.eq(Mux(interpolate, slope, total[8:]) if axis == "u" else total[8:]),
+                operand.eq(Mux(interpolate, slope, total[10:]) if axis == "u" else total[10:]),
                 # Signed operands of 18 bits are what the multipliers are made of.
                 product.eq(Cat(operand, C(0, 1)).as_signed()
                            * Cat(factor if axis == "u" else complement, C(0, 1)).as_signed()),
@@ -83,18 +83,18 @@ class Centring(wiring.Component):
             products.append(product)
         interpolated = Signal(20)
         m.d.comb += [
-            factor.eq(Mux(interpolate, weight[:7], complement)),
-            interpolated.eq(value + products[0][9:]),
+            factor.eq(Mux(interpolate, weight[:9], complement)),
+            interpolated.eq(value + products[0][11:]),
         ]
 
         result = []
         for axis, total, product in zip("uv", sums, products, strict=True):
             # The two bits below the operand, in half LSBs, and what rounds.
             low = Signal(3, name=f"low_{axis}")
-            m.d.comb += low.eq(1 + Mux(total[7], Mux(weight[14], 2, 3), 0)
-                               + Mux(total[6], Mux(weight[14], 1, 2), 0))
+            m.d.comb += low.eq(1 + Mux(total[9], Mux(weight[16], 2, 3), 0)
+                               + Mux(total[8], Mux(weight[16], 1, 2), 0))
             half = Signal(COORDINATE_BITS + 1, name=f"half_{axis}")
-            m.d.comb += half.eq(Cat(low, total[8:]) - product[15:])
+            m.d.comb += half.eq(Cat(low, total[10:]) - product[15:])
             result.append(half[1:])
 
         with m.If(self.o.ready):
@@ -102,13 +102,13 @@ class Centring(wiring.Component):
         with m.FSM():
             with m.State("LOAD"):
                 m.d.sync += [
-                    weight.eq(spot.weight | spot.end << 15),
+                    weight.eq(spot.weight | spot.end << 17),
                     sums[0].eq(spot.sum_u), sums[1].eq(spot.sum_v),
                 ]
                 with m.If(self.i.valid):
                     m.next = "SHIFT"
             with m.State("SHIFT"):
-                with m.If(weight[15]):
+                with m.If(weight[17]):
                     m.next = "INTERPOLATE"
                 with m.Else():
                     m.d.sync += [
@@ -126,6 +126,8 @@ class Centring(wiring.Component):
                     self.o.p.end.eq(spot.end),
                     self.o.p.rejected.eq(spot.rejected),
                     self.o.p.area.eq(spot.area),
+                    self.o.p.saturated.eq(spot.saturated),
+                    self.o.p.border.eq(spot.border),
                     self.o.p.u.eq(result[0]),
                     self.o.p.v.eq(result[1]),
                 ]

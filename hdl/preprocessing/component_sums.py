@@ -10,13 +10,13 @@ from .features import Features, merge, of_pixel
 
 __all__ = ["ComponentSums", "labelled_pixel"]
 
-_SUM_BITS = 17  # 255 pixels times a row or column below 512
+_SUM_BITS = 19  # 1,023 pixels times a row or column below 512
 
 
 def labelled_pixel(width, height, labels):
     """Layout of a pixel of a labelled image, ``last`` with the last one of its frame."""
     return data.StructLayout({
-        "label": labels.bit_length(), "core": 1, "last": 1,
+        "label": labels.bit_length(), "core": 1, "border": 1, "last": 1,
         "column": range(width), "row": range(max(2, height))})
 
 
@@ -26,8 +26,8 @@ class ComponentSums(wiring.Component):
     A frame begins with its labels, each of which empties its record. Then its pixels come, one a
     clock if need be. The root of each is looked up, and the pixel is added to the root's record;
     root 0 stands for background and for dropped components. Between two components there must be
-    a pixel of root 0, as there is in any row of an image. All pixels weigh 1. An area stops at
-    :data:`..payloads.AREA_LIMIT`.
+    a pixel of root 0, as there is in any row of an image. All pixels weigh 1, and none is
+    saturated. An area stops at :data:`..payloads.AREA_LIMIT`.
 
     From the fourth clock after the last pixel on, the frame's labels are looked up in ascending
     order, one a clock. Those that are roots leave as spots; a spot delays all that follows by
@@ -101,7 +101,7 @@ class ComponentSums(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         record = data.StructLayout({
-            "core": 1, "area": Features.as_shape()["area"].shape,
+            "core": 1, "border": 1, "area": Features.as_shape()["area"].shape,
             "sum_u": _SUM_BITS, "sum_v": _SUM_BITS})
         m.submodules.records = records = Memory(shape=record, depth=self.labels + 1, init=[])
         write, read = records.write_port(), records.read_port()
@@ -159,7 +159,7 @@ class ComponentSums(wiring.Component):
             adds.eq(valid_2 & (root != 0)),
             so_far.eq(Mux(root == owner, sums, read.data)),
             total.eq(merge(_features(so_far), of_pixel(
-                pixel_2.core, C(1, 1), pixel_2.column, pixel_2.row))),
+                pixel_2.core, C(0, 1), pixel_2.border, C(1, 1), pixel_2.column, pixel_2.row))),
         ]
         with m.If(adds):
             m.d.sync += [
@@ -209,6 +209,7 @@ class ComponentSums(wiring.Component):
                 spot.end.eq(0),
                 spot.broken.eq(0),
                 spot.core.eq(record.core),
+                spot.border.eq(record.border),
                 spot.area.eq(Mux(too_large, AREA_LIMIT, record.area)),
                 spot.weight.eq(Mux(too_large, 0, record.area)),
                 spot.sum_u.eq(Mux(too_large, 0, record.sum_u)),

@@ -16,10 +16,12 @@ class Features(data.Struct):
     """Sums over pixels; fields as in :class:`..payloads.Spot`.
 
     The top bit of ``area`` stays set once the area reached :data:`..payloads.AREA_LIMIT`. All
-    other bits except ``core`` are then meaningless; the sums may have wrapped.
+    other bits except the flags are then meaningless; the sums may have wrapped.
     """
 
     core: 1
+    saturated: 1
+    border: 1
     area: Spot.as_shape()["area"].shape
     weight: Spot.as_shape()["weight"].shape
     sum_u: Spot.as_shape()["sum_u"].shape
@@ -34,16 +36,15 @@ def empty():
     return Features(Const(0, Features.as_shape().size))
 
 
-def _assembled(core, area, weight, sum_u, sum_v):
-    parts = [core, area, weight, sum_u, sum_v]
+def _assembled(*parts):
     fields = [member for _, member in Features.as_shape()]
     return Features(Cat((Value.cast(part) | Const(0, field.width))[:field.width]
                         for part, field in zip(parts, fields, strict=True)))
 
 
-def of_pixel(core, weight, column, row):
+def of_pixel(core, saturated, border, weight, column, row):
     """Features of one lit pixel; two products."""
-    return _assembled(core, C(1, 1), weight, weight * column, weight * row)
+    return _assembled(core, saturated, border, C(1, 1), weight, weight * column, weight * row)
 
 
 def merge(one, other):
@@ -51,5 +52,6 @@ def merge(one, other):
     area = one.area[:_AREA_BITS] + other.area[:_AREA_BITS]
     full = one.area[_AREA_BITS] | other.area[_AREA_BITS] | area[_AREA_BITS]
     return _assembled(
-        one.core | other.core, Cat(area[:_AREA_BITS], full), one.weight + other.weight,
+        one.core | other.core, one.saturated | other.saturated, one.border | other.border,
+        Cat(area[:_AREA_BITS], full), one.weight + other.weight,
         one.sum_u + other.sum_u, one.sum_v + other.sum_v)

@@ -15,8 +15,8 @@ class Hysteresis(wiring.Component):
     """Marks the pixels whose contrast reaches a level, and those that make a spot of a component.
 
     A pixel is *lit* if its difference reaches ``lit`` and it is no dent. It is *core* if it is lit,
-    its difference reaches ``core``, and, but on the border, that of the smoothed image reaches
-    ``lit``. ``excess`` is the whole grey values by which a lit pixel exceeds the level.
+    no ``border`` pixel, and the difference of the smoothed image reaches ``core``. ``excess`` is
+    the whole grey values by which a lit pixel exceeds the level; of dark ones it has no meaning.
 
     A pixel leaves one clock after it came in; one pixel a clock is kept up for as long as
     ``o.ready`` stays high. Levels are sampled with each pixel. What a ``broken`` beat carries is
@@ -58,8 +58,7 @@ class Hysteresis(wiring.Component):
         m.d.comb += [
             excess.eq(pixel.difference - self.lit),
             lit.eq(self.enable & ~excess[-1] & ~pixel.dent & ~pixel.marker.broken),
-            core.eq(lit & (pixel.difference >= self.core)
-                    & ((pixel.smooth >= self.lit) | pixel.border)),
+            core.eq(lit & (pixel.smooth >= self.core[1:]) & ~pixel.border),
         ]
         with m.If(~self.o.valid | self.o.ready):
             m.d.comb += self.i.ready.eq(1)
@@ -67,7 +66,8 @@ class Hysteresis(wiring.Component):
                 self.o.valid.eq(self.i.valid),
                 self.o.p.lit.eq(lit),
                 self.o.p.core.eq(core),
-                self.o.p.excess.eq(Mux(lit, excess[CONTRAST_FRACTION_BITS:12], 0)),
+                self.o.p.saturated.eq(lit & pixel.saturated),
+                self.o.p.excess.eq(excess[CONTRAST_FRACTION_BITS:12]),
                 self.o.p.marker.eq(pixel.marker),
             ]
         return m

@@ -30,7 +30,7 @@ class _Signals:
         self.clear_above, self.clear_current = Signal(), Signal()
         self.linkable = Signal()  # there is a row above
         self.frame_ended, self.frame_lost = Signal(), Signal()
-        self.lit, self.core = Signal(), Signal()
+        self.lit, self.core, self.saturated, self.border = (Signal() for _ in range(4))
         self.excess = Signal(8, reset_less=True)
         self.column = Signal(self.columns, reset_less=True)
         self.row = Signal(self.rows, reset_less=True)
@@ -222,6 +222,8 @@ class Labelling(wiring.Component):
                 s.frame_lost.eq(broken & ~draining & ~drained | emit_abort),
                 s.lit.eq(step_current & self.i.p.lit),
                 s.core.eq(self.i.p.core),
+                s.saturated.eq(self.i.p.saturated),
+                s.border.eq(first_row | (row == self.height - 1) | (column == 0) | marker.line_end),
                 s.excess.eq(self.i.p.excess),
                 s.column.eq(column),
                 s.row.eq(row),
@@ -357,7 +359,8 @@ class Labelling(wiring.Component):
         with m.If(s.advance):
             m.d.sync += [
                 drop.eq(s.clear_current & ~s.at_current),
-                pixel.eq(of_pixel(s.core, weight, s.column, s.row)),
+                pixel.eq(of_pixel(
+                    s.core, s.saturated, s.border, weight, s.column, s.row)),
             ]
         with m.If(ResetSignal() | s.advance & ~s.lit):
             m.d.sync += pixel.eq(empty())
@@ -395,7 +398,7 @@ class Labelling(wiring.Component):
                 self.o.valid.eq(s.emit | close | close_broken),
                 spot.end.eq(close | close_broken),
                 spot.broken.eq(close_broken),
-                spot.core.eq(found.core),
+                *(spot[name].eq(found[name]) for name in ("core", "saturated", "border")),
                 spot.area.eq(found.area),
                 spot.weight.eq(found.weight),
                 spot.sum_u.eq(found.sum_u),
@@ -407,4 +410,4 @@ class Labelling(wiring.Component):
                 spot.weight.eq(0), spot.sum_u.eq(0), spot.sum_v.eq(0),
             ]
         with m.If(s.advance & ~s.emit):
-            m.d.sync += spot.core.eq(0)
+            m.d.sync += [spot.core.eq(0), spot.saturated.eq(0), spot.border.eq(0)]

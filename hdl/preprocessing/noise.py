@@ -11,12 +11,21 @@ __all__ = ["Noise"]
 
 _LEVEL_BITS = 8 + CONTRAST_FRACTION_BITS
 _DENT_BITS = 10
-_LEAST_NOISE = 8  # in eighths of a grey value
-_SQUARE_BITS = 2 * NOISE_BITS
+_LEAST_NOISE = 8  # in eighths of a grey value, a power of two
+_DEPTH_BITS = 11  # of a difference below zero, in eighths of a grey value
 #: Pixels that follow those that teach the noise, at least: as many as it takes clocks to find root
 #: and products.
 _FOLLOWING_PIXELS = 48
 _GAIN_BITS = 6
+
+
+def _learning_rows(width, height):
+    """First row and number of rows that teach the noise, and the logarithm of their samples."""
+    following = -(-_FOLLOWING_PIXELS // width)
+    samples = width // 2
+    bits = (samples * (height - 2 * following + 1)).bit_length() - 1
+    rows = round((1 << bits) / samples)
+    return (height - rows) // 2, rows, bits
 
 
 class Noise(wiring.Component):
@@ -26,11 +35,11 @@ class Noise(wiring.Component):
     the differences below zero is the noise of what is no spot. Each level is a multiple of it.
     With ``fixed_noise`` the levels are the same multiples of that, and valid before any frame.
 
-    The sum of squares takes the rows in the middle of the frame, as many as make their pixels as
-    nearly as possible a power of two and leave 48 pixels behind them. Then the root is found bit by
-    bit, with the multiplier that squared the pixels, and multiplied by each gain, a bit a clock: 44
-    clocks in all. New levels are there with the pixel after the frame's last one. A ``broken``
-    frame teaches nothing.
+    The sum of squares takes the odd columns of the rows in the middle of the frame, as many as make
+    their samples as nearly as possible a power of two and leave 48 pixels behind them. Then the
+    multiplier that squared the pixels finds the root bit by bit, and multiplies it by each gain.
+    New levels are there with the pixel after the frame's last one. A ``broken`` frame teaches
+    nothing.
 
     Only listens: a pixel counts in the clock in which ``i.valid`` is high.
 
@@ -63,7 +72,7 @@ class Noise(wiring.Component):
         Clocks from the last pixel that teaches the noise to the last level, at most.
     """
 
-    latency = 44
+    latency = 28
 
     registers = register_ports("fixed_noise", "lit_gain", "core_gain", "dent_gain")
 
@@ -83,111 +92,136 @@ class Noise(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
+        first, rows, self._sample_bits = _learning_rows(self.width, self.height)
         self._frame_end, self._between = Signal(), Signal(init=1)
-        m.d.comb += self._frame_end.eq(self.i.valid & self.i.p.marker.frame_end)
+        self._fixed, self._ends = Signal(), Signal()
+        m.d.comb += [
+            self._frame_end.eq(self.i.valid & self.i.p.marker.frame_end),
+            self._fixed.eq(self.fixed_noise.any()),
+        ]
         with m.If(self.i.valid):
             m.d.sync += self._between.eq(self._frame_end)
-        self._root_noise(m)
-        self._levels(m)
+        begins, samples = self._band(m, first, first + rows - 1)
+        self._course(m)
+        product = self._square(m, begins, samples)
+        self._levels(m, product)
         return m
 
-    def _root_noise(self, m):
-        """Sum of the squares of the pixels below zero, and the root of their mean."""
-        following = -(-_FOLLOWING_PIXELS // self.width)
-        pixel_bits = (self.width * (self.height - 2 * following + 1)).bit_length() - 1
-        rows = round((1 << pixel_bits) / self.width)
-        row = Signal(range(self.height))
-        summing, ends = Signal(), Signal()
-        with m.If(self.i.valid & self.i.p.marker.line_end):
-            m.d.sync += row.eq(Mux(self._frame_end, 0, row + 1))
-        first = (self.height - rows) // 2
+    def _band(self, m, first, last):
+        """Whether the rows begin that teach the noise, and whether this pixel is one that does."""
+        row, odd, inside = Signal(range(self.height)), Signal(), Signal()
+        line_end, begins, samples, turns = Signal(), Signal(), Signal(), Signal()
         m.d.comb += [
-            summing.eq((row >= first) & (row < first + rows)),
-            ends.eq(self.i.valid & self.i.p.marker.line_end & (row == first + rows - 1)),
+            line_end.eq(self.i.valid & self.i.p.marker.line_end),
+            turns.eq(line_end & (row == Mux(inside, last, first - 1))),
+            begins.eq(turns & ~inside),
+            self._ends.eq(turns & inside),
+            samples.eq(self.i.valid & inside & odd & ~self._frame_end),
         ]
-
-        below = Signal()
-        magnitude, square = Signal(NOISE_BITS), Signal(_SQUARE_BITS)
-        total = Signal(pixel_bits + _SQUARE_BITS + 1)  # the rows may hold a few pixels more
-        depth = Signal(CONTRAST_FRACTION_BITS + 8)
-        m.d.comb += [depth.eq(~self.i.p.difference), square.eq(magnitude * magnitude)]
-        m.d.sync += below.eq(self.i.valid & summing & self.i.p.difference[-1])
-        with m.If(below):
-            m.d.sync += total.eq(total + square)
+        with m.If(self.i.valid):
+            m.d.sync += odd.eq(~odd & ~self.i.p.marker.line_end)
+        with m.If(line_end):
+            m.d.sync += row.eq(row + 1)
+        with m.If(begins):
+            m.d.sync += inside.eq(1)
+        with m.If(self._ends | self._frame_end):
+            m.d.sync += inside.eq(0)
         with m.If(self._frame_end):
-            m.d.sync += total.eq(0)
+            m.d.sync += row.eq(0)
+        return begins, samples
 
-        # The root: the largest number whose square is not more than the mean, found from its upper
-        # bit on.
-        mean_square, fits = Signal(_SQUARE_BITS + 2), Signal()
-        self._root, bit = Signal(NOISE_BITS), Signal(NOISE_BITS)
-        self._rooted = Signal()
-        m.d.comb += [
-            mean_square.eq(total >> pixel_bits - 1), fits.eq(square <= mean_square)]
-        limit = (1 << NOISE_BITS) - 1
-        m.d.sync += magnitude.eq(Mux(depth[1 + NOISE_BITS:].any(), limit, depth >> 1))
-        with m.FSM():
-            with m.State("SUM"), m.If(ends):
-                m.next = "SETTLE"
-            with m.State("SETTLE"):
-                m.d.sync += [self._root.eq(0), bit.eq(1 << NOISE_BITS - 1)]
-                m.next = "TRY"
-            with m.State("TRY"):
-                m.d.sync += magnitude.eq(self._root | bit)
-                m.next = "KEEP"
-            with m.State("KEEP"):
-                m.d.sync += bit.eq(bit >> 1)
-                with m.If(fits):
-                    m.d.sync += self._root.eq(magnitude)
-                m.next = "TRY"
-                with m.If(bit[0]):
-                    m.next = "DONE"
-            with m.State("DONE"):
-                m.d.comb += self._rooted.eq(1)
-                m.d.sync += self._root.eq(
-                    Mux(self._root[3:].any(), self._root, _LEAST_NOISE))
-                m.next = "SUM"
+    def _course(self, m):
+        """Steps of two clocks: the sum settles, a bit of the root after the other, the levels."""
+        self._busy, self._second = Signal(), Signal()
+        self._settles, self._bit = Signal(), Signal(NOISE_BITS)
+        self._level = Signal(3)  # lit, core, dent
+        starts = Signal()
+        m.d.comb += starts.eq(~self._busy & (self._ends | self._fixed & self._between))
+        with m.If(starts):
+            m.d.sync += [self._busy.eq(1), self._settles.eq(1)]
+        with m.If(self._busy):
+            m.d.sync += self._second.eq(~self._second)
+        with m.If(self._second):
+            m.d.sync += [
+                self._settles.eq(0), self._bit.eq(Cat(self._bit[1:], self._settles)),
+                self._level.eq(Cat(self._bit[0], self._level)),
+            ]
+            with m.If(self._level[2]):
+                m.d.sync += self._busy.eq(0)
 
-    def _levels(self, m):
-        """Products of the noise with the three gains, a bit of a gain a clock, the lowest first."""
-        applied = Signal(NOISE_BITS)
-        product = Signal(NOISE_BITS + _GAIN_BITS)
-        gain = Signal(_GAIN_BITS)
-        left = Signal(_GAIN_BITS)
-        upper = Signal(NOISE_BITS + 1)
-        fixed, learnt = Signal(), Signal()
+    def _square(self, m, begins, samples):
+        """Sum of the squares below zero, and the root of their mean, with one multiplier.
+
+        Returns the product of root and gain. The sum is two halves that take turns at one adder:
+        the lower one with a square, then the upper one with the carry.
+        """
+        half = max(2 * _DEPTH_BITS, _DEPTH_BITS + self._sample_bits // 2 + 1)
+        depth, factor = Signal(_DEPTH_BITS), Signal(_DEPTH_BITS)
+        product = Signal(2 * _DEPTH_BITS)
+        adds, carries, carry = Signal(), Signal(), Signal()
+        low, high, added = Signal(half), Signal(half), Signal(half + 2)
+        root = Signal(NOISE_BITS)
         m.d.comb += [
-            fixed.eq(self.fixed_noise.any()),
-            applied.eq(Mux(fixed, self.fixed_noise, self._root)),
-            upper.eq(product[_GAIN_BITS:] + Mux(gain[0], applied, 0)),
+            product.eq(depth * factor),
+            added.eq(Cat(C(1, 1), low) + Cat(carry, Mux(adds, product, 0))),
         ]
-        new = {name: Signal(shape, name=f"new_{name}") for name, shape in (
-            ("lit", _LEVEL_BITS), ("core", _LEVEL_BITS), ("dent", _DENT_BITS))}
-        following = {"lit": ("core", self.core_gain), "core": ("dent", self.dent_gain),
-                     "dent": ("IDLE", self.lit_gain)}
-        with m.FSM():
-            with m.State("IDLE"):
-                m.d.sync += [product.eq(0), gain.eq(self.lit_gain),
-                             left.eq((1 << _GAIN_BITS) - 1)]
-                with m.If(self._rooted | (fixed & self._between)):
-                    m.next = "lit"
-            for name, level in new.items():
-                then, gain_of_next = following[name]
-                with m.State(name):
-                    m.d.sync += [product.eq(Cat(product[1:_GAIN_BITS], upper)),
-                                 gain.eq(gain >> 1), left.eq(left >> 1)]
-                    with m.If(~left[0]):
-                        m.d.sync += [
-                            level.eq(product >> (5 if name == "dent" else 3)), product.eq(0),
-                            gain.eq(gain_of_next), left.eq((1 << _GAIN_BITS) - 1)]
-                        m.next = then
+        m.d.sync += [
+            depth.eq(Mux(self._busy, root | self._bit, ~self.i.p.difference[1:-1])),
+            adds.eq(samples & self.i.p.difference[-1]), carries.eq(adds),
+        ]
+        with m.If(adds | carries):
+            m.d.sync += [high.eq(added[1:]), low.eq(high), carry.eq(added[-1] & adds)]
+        with m.If(begins):
+            m.d.sync += [high.eq(0), low.eq(0)]
 
-        # A whole frame's products are there before its end, see the class.
-        apply = Signal()
+        # The root: the largest number whose square is not more than the mean.
+        mean, fits, keeps = Signal(2 * half), Signal(), Signal()
         m.d.comb += [
-            apply.eq(Mux(fixed, self._between, self._frame_end & ~self.i.p.marker.broken)),
-            self.valid.eq(learnt | fixed),
+            mean.eq(Cat(low, high) >> self._sample_bits - 1),
+            fits.eq((product[:2 * NOISE_BITS] <= mean[:2 * NOISE_BITS])
+                    | mean[2 * NOISE_BITS:].any()),
+            keeps.eq(Mux(self._fixed, (self.fixed_noise & self._bit).any(),
+                         fits | (self._bit[_LEAST_NOISE.bit_length() - 1] & ~root.any()))),
+        ]
+        with m.If(self._settles):
+            m.d.sync += root.eq(0)
+        with m.Elif(self._second & keeps & ~self._level.any()):
+            m.d.sync += root.eq(depth)
+
+        # In two tables a bit: where `chosen[1]` is high, `between` hands `chosen[0]` on.
+        chosen = Signal(2)
+        m.d.comb += chosen.eq(Cat(self._level[0] | self._level[2],
+                                  self._level[1] | self._level[2]))
+        for bit in range(_DEPTH_BITS):
+            if bit < _GAIN_BITS:
+                between = Mux(chosen[1], chosen[0],
+                              Mux(chosen[0], self.lit_gain[bit], depth[bit]))
+                m.d.comb += factor[bit].eq(Mux(
+                    chosen[1], Mux(between, self.dent_gain[bit], self.core_gain[bit]), between))
+            else:  # the root has no more bits
+                m.d.comb += factor[bit].eq(
+                    depth[bit] & ~chosen.any() if bit < NOISE_BITS else depth[bit])
+        self._root = root
+        return product
+
+    def _levels(self, m, product):
+        """Levels of the next frame, which act from the frame's end on."""
+        new_levels = Signal(_LEVEL_BITS), Signal(_LEVEL_BITS), Signal(_DENT_BITS)
+        new_noise = Signal(NOISE_BITS)
+        learnt, apply = Signal(), Signal()
+        for level, chosen, shift in zip(new_levels, self._level, (3, 3, 5), strict=True):
+            with m.If(self._second & chosen):
+                m.d.sync += level.eq(product >> shift)
+        with m.If(self._level[0]):
+            m.d.sync += new_noise.eq(self._root)
+        # A whole frame's products are there before its end, see the class.
+        m.d.comb += [
+            apply.eq(Mux(self._fixed, self._between,
+                         self._frame_end & ~self.i.p.marker.broken)),
+            self.valid.eq(learnt | self._fixed),
         ]
         with m.If(apply):
-            m.d.sync += [learnt.eq(~fixed), self.grey_noise.eq(applied), self.lit.eq(new["lit"]),
-                         self.core.eq(new["core"]), self.dent.eq(new["dent"])]
+            m.d.sync += [
+                learnt.eq(~self._fixed), self.grey_noise.eq(new_noise),
+                *(level.eq(new) for level, new in zip(
+                    (self.lit, self.core, self.dent), new_levels, strict=True))]

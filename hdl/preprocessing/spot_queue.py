@@ -5,7 +5,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from hdl.payloads import AREA_LIMIT, Counts, QueuedSpot, Spot
+from hdl.payloads import AREA_CODE_BITS, AREA_LIMIT, Counts, QueuedSpot, Spot
 from hdl.ports import register_ports
 
 __all__ = ["SpotQueue"]
@@ -20,10 +20,12 @@ class SpotQueue(wiring.Component):
 
     A component is rejected if its area lies outside ``area_min`` to ``area_max`` or if it failed
     the erosion, that is, none of its pixels survived. Rejected ones are counted; they are queued
-    only with ``report_rejected``, an area of at most 255 and while less than half of the slots are
-    taken. The others are queued while there is room; when the queue is full they are dropped and
-    counted. Four slots are reserved for end markers: there may be no more than four frames between
-    labelling and the reader of ``counts``, or an end marker overwrites a waiting word.
+    only with ``report_rejected``, an area of at most 1,023 and while less than half of the slots
+    are taken. The others are queued while there is room; when the queue is full they are dropped
+    and counted. Four slots are reserved for end markers: there may be no more than four frames
+    between labelling and the reader of ``counts``, or an end marker overwrites a waiting word.
+
+    Areas leave as codes, see :data:`hdl.payloads.AREA_CODE_BITS`.
 
     ``i.ready`` is always high. The memory is read only in clocks in which nothing is written, so a
     word a clock in means none out. The word at ``o`` has left the memory and its slot is free.
@@ -46,7 +48,7 @@ class SpotQueue(wiring.Component):
         Spots and end markers, in the same order.
     counts : :py:`Out(stream.Signature(Counts))`
         One word for each end marker.
-    area_min, area_max : :py:`In(8)`
+    area_min, area_max : :py:`In(10)`
         Areas of spots, both included.
     report_rejected : :py:`In(1)`
         Queue rejected spots too.
@@ -87,7 +89,9 @@ class SpotQueue(wiring.Component):
             push.eq(self.i.valid & (spot.end | wanted)),
             written.end.eq(spot.end),
             written.rejected.eq(~spot.end & rejected),
-            written.area.eq(spot.area),
+            written.area.eq(self._area_code(spot.area)),
+            written.saturated.eq(spot.saturated),
+            written.border.eq(spot.border),
             written.weight.eq(spot.weight),
             written.sum_u.eq(spot.sum_u),
             written.sum_v.eq(spot.sum_v),
@@ -111,6 +115,12 @@ class SpotQueue(wiring.Component):
 
         return m
 
+    @staticmethod
+    def _area_code(area):
+        """The code of an area that has one."""
+        return Mux(area[9], Cat(area[2:9], C(3, 2)), Mux(
+            area[8], Cat(area[1:8], C(2, 2)), area[:8]))[:AREA_CODE_BITS]
+
     def _filter(self, m, level, room):
         """Whether the component is rejected, and whether it is queued."""
         spot = self.i.p
@@ -118,8 +128,8 @@ class SpotQueue(wiring.Component):
         rejected, wanted = Signal(), Signal()
         m.d.comb += [
             too_large.eq(spot.area >= AREA_LIMIT),
-            rejected.eq(~spot.core | too_large | (spot.area[:8] < self.area_min)
-                        | (spot.area[:8] > self.area_max)),
+            rejected.eq(~spot.core | too_large | (spot.area[:-1] < self.area_min)
+                        | (spot.area[:-1] > self.area_max)),
             room.eq(level < self.depth - _END_SLOTS),
             half_full.eq(level >= self.depth // 2),
             wanted.eq(Mux(rejected, self.report_rejected & ~too_large & ~half_full, room)),
@@ -147,7 +157,7 @@ class SpotQueue(wiring.Component):
     def _store(self, m, level, push, inward, held):
         """The memory; returns the word that was read last.
 
-        A slot is four words: a spot and the counters would fill 125 bits. Two memories with two
+        A slot is four words: a spot and the counters fill 135 bits. Two memories with two
         ports each take them in one clock, so reading has to give way to writing.
         """
         slots = 1 << (self.depth - 1).bit_length()

@@ -285,6 +285,8 @@ class TwoPassLabelling(wiring.Component):
             pixels.valid.eq(reading & (self.answer.valid | holds_high)),
             pixels.p.label.eq(half),
             pixels.p.core.eq(half[_CORE]),
+            pixels.p.border.eq((column == 0) | (column == self.width - 1)
+                               | (row == 0) | (row == self.height - 1)),
             pixels.p.column.eq(column),
             pixels.p.row.eq(row),
             pixels.p.last.eq((column == self.width - 1) & (row == self.height - 1)),

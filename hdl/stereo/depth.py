@@ -4,7 +4,7 @@ from amaranth import *
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from hdl.payloads import Match, Point, Status
+from hdl.payloads import BEAM_BITS, Match, Point, Status
 
 __all__ = ["Depth"]
 
@@ -30,7 +30,7 @@ class Depth(wiring.Component):
         Spots and end markers.
     o : :py:`Out(stream.Signature(Point))`
         The same, in the same order.
-    table_address : :py:`Out(8)`
+    table_address : :py:`Out(10)`
         Word to be read: ``2 * beam`` for alpha (signed 18 bits, Q5.12), ``2 * beam + 1`` for
         beta (signed 36 bits, 12 fraction bits).
     table_data : :py:`In(36)`
@@ -48,7 +48,7 @@ class Depth(wiring.Component):
         super().__init__({
             "i": In(stream.Signature(Match)),
             "o": Out(stream.Signature(Point)),
-            "table_address": Out(8),
+            "table_address": Out(1 + BEAM_BITS),
             "table_data": In(36),
         })
 
@@ -106,6 +106,8 @@ class Depth(wiring.Component):
             self.o.p.status.eq(Mux(failed, Status.REJECTED, spot.status)),
             self.o.p.beam.eq(Mux(failed, 0, spot.beam)),
             self.o.p.area.eq(spot.area),
+            self.o.p.saturated.eq(spot.saturated),
+            self.o.p.border.eq(spot.border),
             self.o.p.u.eq(spot.u),
             self.o.p.v.eq(spot.v),
             self.o.p.inverse_z.eq(integer),

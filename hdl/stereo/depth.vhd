@@ -13,14 +13,14 @@ entity depth is
     rst : in std_logic;
     i_valid : in std_logic;
     i_ready : out std_logic;
-    -- x, v, u (18 bits each), area (8), beam (7), status (2), end
-    i_payload : in std_logic_vector(71 downto 0);
+    -- x, v, u (18 bits each), border, saturated, area (9), beam (9), status (2), end
+    i_payload : in std_logic_vector(76 downto 0);
     o_valid : out std_logic;
     o_ready : in std_logic;
-    -- inverse_z, v, u (18 bits each), area (8), beam (7), status (2), end
-    o_payload : out std_logic_vector(71 downto 0);
+    -- inverse_z, v, u (18 bits each), border, saturated, area (9), beam (9), status (2), end
+    o_payload : out std_logic_vector(76 downto 0);
     -- 2 * beam for alpha, 2 * beam + 1 for beta
-    table_address : out std_logic_vector(7 downto 0);
+    table_address : out std_logic_vector(9 downto 0);
     -- beta (36 bits), or alpha (18), one clock later
     table_data : in std_logic_vector(35 downto 0)
   );
@@ -50,9 +50,9 @@ begin
   ok <= '1' when i_payload(2 downto 0) = "000" else '0';
   far <= '1' when zero = "11111" or above /= "00" else '0';
 
-  table_address <= i_payload(9 downto 3) & not step(0);
+  table_address <= i_payload(11 downto 3) & not step(0);
   addend <= resize(signed(table_data), 37) when step(0) = '1' else
-            resize(signed(table_data(17 downto 0)) * signed(i_payload(71 downto 54)), 37);
+            resize(signed(table_data(17 downto 0)) * signed(i_payload(76 downto 59)), 37);
 
   add : process (clk)
   begin
@@ -113,9 +113,9 @@ begin
 
   i_ready <= taken;
   o_valid <= result_valid;
-  o_payload(71 downto 54) <= std_logic_vector(total(29 downto 12));
-  o_payload(53 downto 10) <= i_payload(53 downto 10);
-  o_payload(9 downto 3) <= (others => '0') when failed = '1' else i_payload(9 downto 3);
+  o_payload(76 downto 59) <= std_logic_vector(total(29 downto 12));
+  o_payload(58 downto 12) <= i_payload(58 downto 12);
+  o_payload(11 downto 3) <= (others => '0') when failed = '1' else i_payload(11 downto 3);
   o_payload(2 downto 1) <= rejected when failed = '1' else i_payload(2 downto 1);
   o_payload(0) <= i_payload(0);
 

@@ -7,8 +7,10 @@ from amaranth import *
 from amaranth.lib import stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
+from amaranth.utils import bits_for
 
-from hdl.payloads import COORDINATE_BITS, Match, Status, Undistorted
+from hdl.payloads import BEAM_BITS, COORDINATE_BITS, Match, Status, Undistorted
+from hdl.protocol import MOST_BEAMS
 
 __all__ = ["Epipolar"]
 
@@ -39,7 +41,7 @@ class Epipolar(wiring.Component):
     Parameters
     ----------
     beams : :class:`int`
-        The paper's K, 1 to 128.
+        The paper's K, 1 to :data:`hdl.protocol.MOST_BEAMS`.
     lanes : :class:`int`
         The paper's processing elements, P, 1 to ``beams``. Two lanes share the two read ports of
         one line and one window memory; every memory holds all beams.
@@ -56,8 +58,8 @@ class Epipolar(wiring.Component):
         Bank that is written and read back.
     write_enable, read_enable : :py:`In(1)`
         Write the two words below, or read them back.
-    write_address : :py:`In(7)`
-        Beam whose words are written or read. Words at ``beams`` and above are never used.
+    write_address : :py:`In(9)`
+        Beam whose words are written or read, below ``beams``.
     write_line : :py:`In(36)`
         Slope (signed 18 bits, Q0.17) and offset (signed 18 bits, Q9.9 pixels), slope in the low
         bits.
@@ -77,13 +79,14 @@ class Epipolar(wiring.Component):
     """
 
     def __init__(self, beams, lanes):
-        if not isinstance(beams, int) or not 1 <= beams <= 128:
-            raise ValueError(f"Beams must be an integer from 1 to 128, not {beams!r}")
+        if not isinstance(beams, int) or not 1 <= beams <= MOST_BEAMS:
+            raise ValueError(f"Beams must be an integer from 1 to {MOST_BEAMS}, not {beams!r}")
         if not isinstance(lanes, int) or not 1 <= lanes <= beams:
             raise ValueError(f"Lanes must be an integer from 1 to {beams}, not {lanes!r}")
         self.beams = beams
         self.lanes = lanes
         self.groups = -(-beams // lanes)
+        self._index_bits = max(1, bits_for(beams - 1))
         self.latency = self.groups - 1 + _DEPTH
         super().__init__({
             "i": In(stream.Signature(Undistorted)),
@@ -92,7 +95,7 @@ class Epipolar(wiring.Component):
             "write_bank": In(1),
             "write_enable": In(1),
             "read_enable": In(1),
-            "write_address": In(7),
+            "write_address": In(BEAM_BITS),
             "write_line": In(_WORD_BITS),
             "write_window": In(_WORD_BITS),
             "read_line": Out(_WORD_BITS),
@@ -110,7 +113,7 @@ class Epipolar(wiring.Component):
         # Lines are tried in groups; the spot is taken with the last one. `base` is the first beam
         # of the group.
         group = Signal(range(max(2, self.groups)))
-        base = Signal(7)
+        base = Signal(self._index_bits)
         first = Signal()
         last = Signal()
         m.d.comb += [
@@ -129,6 +132,8 @@ class Epipolar(wiring.Component):
         m.d.comb += [
             carried.end.eq(spot.end),
             carried.area.eq(spot.area),
+            carried.saturated.eq(spot.saturated),
+            carried.border.eq(spot.border),
             carried.u.eq(spot.u),
             carried.v.eq(spot.v),
             carried.x.eq(spot.x),
@@ -146,15 +151,15 @@ class Epipolar(wiring.Component):
 
         # Clock 1: the words of the group's beams have been read.
         valid_1, first_1, last_1 = Signal(), Signal(), Signal()
-        base_1 = Signal(7)
+        base_1 = Signal.like(base)
         x_1 = Signal(signed(COORDINATE_BITS))
         y_1 = Signal(signed(COORDINATE_BITS))
         # Clock 2: product, distance from the offset, window.
         valid_2, first_2, last_2 = Signal(), Signal(), Signal()
-        base_2 = Signal(7)
+        base_2 = Signal.like(base)
         # Clock 3: compared.
         valid_3, first_3, last_3 = Signal(), Signal(), Signal()
-        base_3 = Signal(7)
+        base_3 = Signal.like(base)
         with m.If(run):
             m.d.sync += [
                 valid_1.eq(self.i.valid), first_1.eq(first), last_1.eq(last), base_1.eq(base),
@@ -212,12 +217,12 @@ class Epipolar(wiring.Component):
         for lane in range(self.lanes):
             several |= some & hit[lane]
             some |= hit[lane]
-            beam |= Mux(hit[lane], base_3 | lane if aligned else (base_3 + lane)[:7], 0)
+            beam |= Mux(hit[lane], base_3 | lane if aligned else (base_3 + lane)[:len(base)], 0)
 
         hit_before, several_before, on_line_before = Signal(), Signal(), Signal()
-        beam_before = Signal(7)
+        beam_before = Signal.like(base)
         one_hit, many_hits, one_line = Signal(), Signal(), Signal()
-        beams_hit = Signal(7)
+        beams_hit = Signal.like(base)
         m.d.comb += [
             hit_before.eq(one_hit & ~first_3),
             several_before.eq(many_hits & ~first_3),
@@ -267,13 +272,13 @@ class Epipolar(wiring.Component):
         for pair in range(0, self.lanes, 2):
             # The host borrows the address of the first read port: with two ports in all, a memory
             # fits into one dual-port block RAM.
-            address = Signal(8, name=f"address_{pair}")
+            address = Signal(self._index_bits + 1, name=f"address_{pair}")
             m.d.comb += address.eq(Mux(
-                host, Cat(self.write_address, self.write_bank),
-                Cat((base + pair)[:7], self.bank)))
+                host, Cat(self.write_address[:self._index_bits], self.write_bank),
+                Cat((base + pair)[:len(base)], self.bank)))
             ports = {}
             for name, data in [("lines", self.write_line), ("windows", self.write_window)]:
-                memory = Memory(shape=_WORD_BITS, depth=256, init=[])
+                memory = Memory(shape=_WORD_BITS, depth=2 << self._index_bits, init=[])
                 m.submodules[f"{name}_{pair}"] = memory
                 write = memory.write_port()
                 read = memory.read_port()
@@ -285,7 +290,8 @@ class Epipolar(wiring.Component):
                 if pair + 1 < self.lanes:
                     second = memory.read_port()
                     m.d.comb += [
-                        second.addr.eq(Cat((base + pair + 1)[:7], self.bank)), second.en.eq(run)]
+                        second.addr.eq(Cat((base + pair + 1)[:len(base)], self.bank)),
+                        second.en.eq(run)]
                     ports[name].append(second)
             words += [(line.data, window.data)
                       for line, window in zip(ports["lines"], ports["windows"], strict=True)]

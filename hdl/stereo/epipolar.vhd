@@ -10,7 +10,7 @@ use ieee.numeric_std.all;
 
 entity epipolar is
   generic (
-    -- The paper's K, 1 to 128.
+    -- The paper's K, 1 to 512.
     beams : positive := 49;
     -- The paper's P, 1 to beams.
     lanes : positive := 2
@@ -20,18 +20,18 @@ entity epipolar is
     rst : in std_logic;
     i_valid : in std_logic;
     i_ready : out std_logic;
-    -- y, x, v, u (18 bits each), area (8), rejected, end
-    i_payload : in std_logic_vector(81 downto 0);
+    -- y, x, v, u (18 bits each), border, saturated, area (9), rejected, end
+    i_payload : in std_logic_vector(84 downto 0);
     o_valid : out std_logic;
     o_ready : in std_logic;
-    -- x, v, u (18 bits each), area (8), beam (7), status (2), end
-    o_payload : out std_logic_vector(71 downto 0);
+    -- x, v, u (18 bits each), border, saturated, area (9), beam (9), status (2), end
+    o_payload : out std_logic_vector(76 downto 0);
     -- Bank that is tried, and bank that is written and read back.
     bank : in std_logic;
     write_bank : in std_logic;
     write_enable : in std_logic;
     read_enable : in std_logic;
-    write_address : in std_logic_vector(6 downto 0);
+    write_address : in std_logic_vector(8 downto 0);
     -- offset (18 bits), slope (18)
     write_line : in std_logic_vector(35 downto 0);
     -- unused, u_max (13 bits), u_min (13), tolerance (9)
@@ -52,14 +52,26 @@ architecture rtl of epipolar is
   -- Two lanes share a memory of each kind, which holds the words of all beams.
   constant pairs : positive := (lanes + 1) / 2;
 
+  function bits_for(value : natural) return positive is
+    variable bits : positive := 1;
+  begin
+    while 2 ** bits <= value loop
+      bits := bits + 1;
+    end loop;
+    return bits;
+  end function;
+
+  constant index_bits : positive := bits_for(beams - 1);
+  constant word_count : positive := 2 ** (index_bits + 1);
+
   subtype word is std_logic_vector(35 downto 0);
-  subtype beam_index is unsigned(6 downto 0);
-  subtype word_address is unsigned(7 downto 0);
-  type memory is array (255 downto 0) of word;
+  subtype beam_index is unsigned(index_bits - 1 downto 0);
+  subtype word_address is unsigned(index_bits downto 0);
+  type memory is array (word_count - 1 downto 0) of word;
   type lane_words is array (2 * pairs - 1 downto 0) of word;
 
-  -- The fields of a spot beside its match: x, v, u, area, rejected, end.
-  subtype carried is std_logic_vector(63 downto 0);
+  -- The fields of a spot beside its match: x, v, u, border, saturated, area, rejected, end.
+  subtype carried is std_logic_vector(66 downto 0);
   type carried_array is array (slots - 1 downto 0) of carried;
 
   function to_std_logic(condition : boolean) return std_logic is
@@ -72,7 +84,7 @@ architecture rtl of epipolar is
 
   function beam_of(base : beam_index; lane : natural) return beam_index is
   begin
-    return resize(base + to_unsigned(lane, 8), 7);
+    return resize(base + to_unsigned(lane, 10), index_bits);
   end function;
 
   -- Everything advances, unless a result waits to be taken.
@@ -110,7 +122,7 @@ begin
   o_valid <= result_valid;
 
   -- Lines are tried in groups; the spot is taken with the last one.
-  base <= resize(to_unsigned(group_index * lanes, 8), 7);
+  base <= to_unsigned(group_index * lanes, index_bits);
   first <= to_std_logic(group_index = 0);
   last <= to_std_logic(group_index = groups - 1);
   taken <= i_valid and run and last;
@@ -139,7 +151,7 @@ begin
   begin
     if rising_edge(clk) then
       if taken = '1' then
-        waiting(put) <= i_payload(63 downto 0);
+        waiting(put) <= i_payload(66 downto 0);
         if put = slots - 1 then
           put <= 0;
         else
@@ -189,7 +201,7 @@ begin
     signal host, enable : std_logic;
   begin
     host <= write_enable or read_enable;
-    address <= unsigned(write_bank & write_address) when host = '1'
+    address <= unsigned(write_bank & write_address(index_bits - 1 downto 0)) when host = '1'
                else bank & beam_of(base, 2 * pair);
     second <= bank & beam_of(base, 2 * pair + 1);
     enable <= run or host;
@@ -227,8 +239,8 @@ begin
         first_1 <= first;
         last_1 <= last;
         base_1 <= base;
-        x_1 <= signed(i_payload(63 downto 46));
-        y_1 <= signed(i_payload(81 downto 64));
+        x_1 <= signed(i_payload(66 downto 49));
+        y_1 <= signed(i_payload(84 downto 67));
         valid_2 <= valid_1;
         first_2 <= first_1;
         last_2 <= last_1;
@@ -361,7 +373,7 @@ begin
         status := "01";
       end if;
     end if;
-    o_payload <= oldest(63 downto 2) & std_logic_vector(beam) & status & oldest(0);
+    o_payload <= oldest(66 downto 2) & std_logic_vector(resize(beam, 9)) & status & oldest(0);
   end process;
 
 end architecture;

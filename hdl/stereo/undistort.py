@@ -153,6 +153,8 @@ class Undistort(wiring.Component):
             self.o.p.end.eq(spot.end),
             self.o.p.rejected.eq(spot.rejected | bad),
             self.o.p.area.eq(spot.area),
+            self.o.p.saturated.eq(spot.saturated),
+            self.o.p.border.eq(spot.border),
             self.o.p.u.eq(spot.u),
             self.o.p.v.eq(spot.v),
             self.o.p.x.eq(position_u),

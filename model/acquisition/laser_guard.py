@@ -2,7 +2,7 @@
 
 __all__ = ["CAUSES", "LaserGuard", "worst_window"]
 
-CAUSES = ("pulse", "repetition", "duty", "not_armed", "heartbeat")
+CAUSES = ("pulse", "repetition", "duty", "not_armed", "heartbeat", "upset")
 
 
 class LaserGuard:
@@ -87,6 +87,16 @@ class LaserGuard:
             self.token = heartbeat
         self.time += 1
         return seen
+
+    def upset(self, clear):
+        """One clock in which a bit of the registers has flipped, instead of a :meth:`step`.
+
+        Nothing is known of it but that the pin has no edge that it would not have had. After it
+        the guard is as after a reset, but for its causes.
+        """
+        causes = set() if clear else self.causes
+        self.__init__(self.pulse, self.repetition, self.window, self.window_on, self.pause)
+        self.causes = causes | {"upset"}
 
 
 def worst_window(pulses, window):

@@ -22,7 +22,7 @@ __all__ = ["CommandMachine", "Refused"]
 
 #: Octets of parameters.
 _LENGTHS = {
-    Command.IDENTIFY: 0, Command.WRITE: 5, Command.READ: 1, Command.BEGIN: 6,
+    Command.IDENTIFY: 0, Command.WRITE: 5, Command.READ: 1, Command.BEGIN: 7,
     Command.READ_TABLE: 4, Command.STATUS: 0, Command.CAPTURE: 2, Command.CLEAR: 0,
 }
 _DATA_LIMIT = CONTENT_LIMIT - 9
@@ -178,7 +178,7 @@ class CommandMachine:
         return self.written[register.name].to_bytes(4, "little", signed=register.signed)
 
     def _begin(self, parameters):
-        sensor = (_number(parameters[:2]), _number(parameters[2:4]), *parameters[4:])
+        sensor = (*(_number(parameters[at:at + 2]) for at in (0, 2, 4)), parameters[6])
         if sensor != self._sensor:
             raise Refused(Reason.OTHER_SENSOR)
         if self.committed:

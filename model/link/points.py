@@ -5,18 +5,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from model.preprocessing.area import area_code
+
 __all__ = ["POINT", "POINTS", "POINTS_LAST", "RECORDS", "RECORDS_LAST", "UNMATCHED", "PatternFrame",
            "check_word", "compact", "flags", "packets", "records"]
 
-#: A point as the stereo unit gives it.
-POINT = np.dtype([("status", np.uint8), ("beam", np.uint8), ("area", np.uint8), ("u", np.uint32),
+#: A point as the stereo unit gives it; beam and inverse_z are 0 unless it is ok, and inverse_z is
+#: not 0 where it is.
+POINT = np.dtype([("status", np.uint8), ("beam", np.uint16), ("area", np.uint16),
+                  ("saturated", np.bool_), ("border", np.bool_), ("u", np.uint32),
                   ("v", np.uint32), ("inverse_z", np.uint32)])
 POINTS, POINTS_LAST, RECORDS, RECORDS_LAST, UNMATCHED = range(0x50, 0x55)
 
 _OK, _NOISE, _AMBIGUOUS, _REJECTED = range(4)
 _CONTENT = 97 - 1 - 4  # of a packet, without its sequence number and its check
 _HEAD = 2  # kind, number
-_UNMATCHED_MOST = 10
+_UNMATCHED_MOST = 9
+_FLAGS = ("saturated", "border")
 
 
 @dataclass(frozen=True)
@@ -63,7 +68,7 @@ def check_word(points):
     """CRC-16/IBM-SDLC over beam and inverse_z of the ok points among ``points``."""
     register = 0xFFFF
     for point in points[points["status"] == _OK]:
-        for bit in f"{int(point['inverse_z']):018b}{int(point['beam']):07b}"[::-1]:
+        for bit in f"{int(point['inverse_z']):018b}{int(point['beam']):09b}"[::-1]:
             low = register & 1 ^ (bit == "1")
             register = register >> 1 ^ (0x8408 if low else 0)
     return register ^ 0xFFFF
@@ -75,19 +80,23 @@ def compact(point, v_before):
         return f"{int(value):0{bits}b}"[::-1]
 
     u, v, area = (int(point[name]) for name in ("u", "v", "area"))
+    marked = bool(point["saturated"] or point["border"])
     step = v - v_before + 512
-    if 0 <= step < 1 << 12 and area < 1 << 6:
+    if 0 <= step < 1 << 12 and area < 1 << 6 and not marked:
         return "0" + field_bits(step, 12) + field_bits(u, 18) + field_bits(area, 6)
-    return "1" + field_bits(v, 18) + field_bits(u, 18) + field_bits(area, 8)
+    return ("1" + field_bits(v, 18) + field_bits(u, 18) + field_bits(area_code(area), 9)
+            + "".join(field_bits(point[name], 1) for name in _FLAGS))
 
 
 def records(points):
-    """Points as records, an array (points, 9) of octets."""
-    words = [sum(int(point[name]) << place for name, place in (
-        ("status", 0), ("beam", 2), ("area", 9), ("u", 17), ("v", 35), ("inverse_z", 53)))
-        for point in points]
-    return np.array([list(word.to_bytes(9, "little")) for word in words],
-                    np.uint8).reshape(-1, 9)
+    """Points as records, an array (points, 10) of octets."""
+    words = [int(point["status"]) | int(area_code(point["area"])) << 9
+             | sum(int(point[name]) << place for name, place in (
+                 ("beam", 0), ("saturated", 18), ("border", 19), ("u", 20), ("v", 38),
+                 ("inverse_z", 56)))
+             for point in points]
+    return np.array([list(word.to_bytes(10, "little")) for word in words],
+                    np.uint8).reshape(-1, 10)
 
 
 def flags(wide=False, learning=False, broken=False, laser=False, capture=False, tripped=False,

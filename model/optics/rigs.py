@@ -1,14 +1,17 @@
 """Complete rigs: camera, projector, spots, noise, and the distances they are made for.
 
-======================= ============== =================== ==============
-rig                     ``endoscope``  ``demonstrator``    ``small``
-======================= ============== =================== ==============
-sensor                  352 x 288      352 x 288           64 x 64
-beams                   7 x 7          7 x 7               4 x 4
-base                    5 mm           150 mm              5 mm
-range                   40-110 mm      600-1100 mm         40-110 mm
-smallest line distance  4.9 px         3.1 px              2.7 px
-======================= ============== =================== ==============
+======================= ============= ================ ============= =============
+rig                     ``endoscope`` ``demonstrator`` ``small``     ``dense``
+======================= ============= ================ ============= =============
+sensor                  352 x 288     352 x 288        64 x 64       352 x 288
+beams                   7 x 7         7 x 7            4 x 4         19 x 19
+base                    5 mm          150 mm           5 mm          5 mm
+range                   40-110 mm     600-1100 mm      40-110 mm     40-110 mm
+smallest line distance  4.9 px        3.1 px           2.7 px        1.9 px
+======================= ============= ================ ============= =============
+
+The smallest distance of two lines is that over the whole mesh, for ``dense`` that where spots of
+both can be.
 """
 
 from dataclasses import dataclass, replace
@@ -164,5 +167,12 @@ _SMALL = replace(
     margin_px=3.0,
 )
 
+_DENSE = replace(
+    _ENDOSCOPE,
+    name="dense",
+    projector=Projector(19, 19, 2.1, 11.5, 2.5, (5.0, 0.05, 0.12), irregularity_deg=0.02),
+    margin_px=4.0,
+)
+
 #: Ready rigs by name.
-RIGS = {rig.name: rig for rig in (_ENDOSCOPE, _DEMONSTRATOR, _SMALL)}
+RIGS = {rig.name: rig for rig in (_ENDOSCOPE, _DEMONSTRATOR, _SMALL, _DENSE)}

@@ -6,17 +6,20 @@ import numpy as np
 __all__ = ["components", "last_pixels"]
 
 
-def components(lit, core, excess, weighted):
-    """Spots of a frame as a list of tuples (core, area, weight, sum_u, sum_v).
+def components(lit, core, excess, saturated, weighted):
+    """Spots of a frame as a list of tuples (core, saturated, border, area, weight, sum_u, sum_v).
 
     Same arguments, limits and order as :func:`model.preprocessing.labelling.label`.
     """
     spots = []
+    height, width = lit.shape
     for v, u in _members(lit):
         weight = excess[v, u].astype(int) + 1 if weighted else np.ones(len(u), int)
-        spot = [core[v, u].any(), len(u), weight.sum(), weight @ u, weight @ v]
-        if len(u) > 255:
-            spot[1:] = 256, 0, 0, 0
+        at_border = 0 in (*v, *u) or height - 1 in v or width - 1 in u
+        spot = [core[v, u].any(), saturated[v, u].any(), at_border,
+                len(u), weight.sum(), weight @ u, weight @ v]
+        if len(u) > 1023:
+            spot[3:] = 1024, 0, 0, 0
         spots.append(tuple(int(value) for value in spot))
     return spots
 

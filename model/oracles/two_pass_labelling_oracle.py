@@ -7,7 +7,8 @@ __all__ = ["components_in_two_passes"]
 
 
 def components_in_two_passes(lit, core, labels):
-    """Spots of a frame as tuples (core, area, weight, sum_u, sum_v), and the labels missed.
+    """Spots of a frame as tuples (core, saturated, border, area, weight, sum_u, sum_v), and the
+    labels missed.
 
     Arguments, limits and order are those of
     :func:`model.preprocessing.two_pass_labelling.label_in_two_passes`.
@@ -35,6 +36,9 @@ def components_in_two_passes(lit, core, labels):
         area = int(stats[component, cv2.CC_STAT_AREA])
         u, v = np.rint(centres[component] * area).astype(int)
         core_bit = int(component in has_core)
-        spots.append((core_bit, area, area, int(u), int(v)) if area < 256
-                     else (core_bit, 256, 0, 0, 0))
+        left, top, columns, rows = (int(stats[component, name]) for name in (
+            cv2.CC_STAT_LEFT, cv2.CC_STAT_TOP, cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT))
+        border = int(left == 0 or top == 0 or left + columns == width or top + rows == height)
+        spots.append((core_bit, 0, border, area, area, int(u), int(v)) if area < 1024
+                     else (core_bit, 0, border, 1024, 0, 0, 0))
     return spots, min(missed, 65535)

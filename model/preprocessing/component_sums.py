@@ -23,7 +23,8 @@ def component_sums(labels, core, root):
     -------
     array of :data:`.labelling.SPOT_DTYPE`
         A spot for each label but 0 that is its own root, whether it has pixels or not. ``core`` is
-        set if any of its pixels has it; ``weight`` is the area. ``area`` stops at
+        set if any of its pixels has it, ``border`` if any stands in an outermost row or column;
+        ``saturated`` is False, and ``weight`` the area. ``area`` stops at
         :data:`.labelling.AREA_LIMIT`; then ``weight``, ``sum_u`` and ``sum_v`` are 0.
     """
     root = np.asarray(root)
@@ -36,7 +37,9 @@ def component_sums(labels, core, root):
     area = total(np.ones(owner.shape))
     fits = area < AREA_LIMIT
     spots = np.zeros(len(root), SPOT_DTYPE)
+    height, width = owner.shape
     spots["core"] = total(core) > 0
+    spots["border"] = total((u == 0) | (u == width - 1) | (v == 0) | (v == height - 1)) > 0
     spots["area"] = np.minimum(area, AREA_LIMIT)
     for name, values in (("weight", np.ones(owner.shape)), ("sum_u", u), ("sum_v", v)):
         spots[name] = np.where(fits, total(values), 0)

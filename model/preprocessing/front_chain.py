@@ -69,7 +69,7 @@ def find_spots(image, noise, settings):
     noise : :class:`int`
         In eighths of a grey value, of the frame before or fixed.
     settings : :class:`model.settings.Settings`
-        Window, gains, weighting and area limits.
+        Window, gains, saturation, weighting and area limits.
 
     Returns
     -------
@@ -79,7 +79,8 @@ def find_spots(image, noise, settings):
         The noise that the frame teaches, as from :func:`learn_noise`.
     """
     lit, core, excess, difference = lit_pixels(image, noise, settings)
-    components = label(lit, core, excess, settings.weighted)
+    components = label(
+        lit, core, excess, image >= settings.saturation, settings.weighted)
     spots, counts = filter_spots(components[components["core"]], settings)
     return spots, counts, frame_noise(difference)
 

@@ -11,7 +11,7 @@ def hysteresis(difference, smooth, dent, levels):
     Parameters
     ----------
     difference, smooth : arrays (height, width) of int
-        Signed Q8.4, see :func:`model.preprocessing.background.background`.
+        Signed Q8.4 and Q8.3, see :func:`model.preprocessing.background.background`.
     dent : array of bool
         Pixels that part two spots: they stay dark.
     levels : :class:`model.preprocessing.noise.Levels`
@@ -20,13 +20,13 @@ def hysteresis(difference, smooth, dent, levels):
     Returns
     -------
     lit, core : arrays of bool
-        A pixel is core if it is lit, its difference reaches the core level, and that of the
-        smoothed image the lit level, but in the outermost rows and columns.
+        A pixel is core if it is lit, not in an outermost row or the last column, and the difference
+        of the smoothed image reaches the core level.
     excess : array of uint8
         Whole grey values above the lit level; 0 where not lit.
     """
     lit = (difference >= levels.lit) & ~dent
     inner = np.zeros(lit.shape, bool)
-    inner[1:-1, 1:-1] = True
-    core = lit & (difference >= levels.core) & ((smooth >= levels.lit) | ~inner)
+    inner[1:-1, :-1] = True
+    core = lit & (smooth >= levels.core >> 1) & inner
     return lit, core, np.where(lit, difference - levels.lit >> 4, 0).astype(np.uint8)

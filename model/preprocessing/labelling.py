@@ -5,13 +5,14 @@ import numpy as np
 __all__ = ["AREA_LIMIT", "SPOT_DTYPE", "label"]
 
 #: An area stops here; the sums of such a component read zero.
-AREA_LIMIT = 256
+AREA_LIMIT = 1024
 
 SPOT_DTYPE = np.dtype([
-    ("core", "?"), ("area", "i4"), ("weight", "i4"), ("sum_u", "i4"), ("sum_v", "i4")])
+    ("core", "?"), ("saturated", "?"), ("border", "?"), ("area", "i4"), ("weight", "i4"),
+    ("sum_u", "i4"), ("sum_v", "i4")])
 
 
-def label(lit, core, excess, weighted):
+def label(lit, core, excess, saturated, weighted):
     """The 8-connected components of a frame, in the order in which they end.
 
     A component ends where the next row has passed the right end of its last run: components are
@@ -23,13 +24,16 @@ def label(lit, core, excess, weighted):
         Pixels above the level, and those that survive the erosion.
     excess : array of uint8, shape (height, width)
         Grey value above the level where lit.
+    saturated : array of bool, shape (height, width)
+        Pixels at the sensor's maximum.
     weighted : :class:`bool`
         A lit pixel weighs ``excess + 1``; else 1.
 
     Returns
     -------
     array of :data:`SPOT_DTYPE`
-        ``core`` is set if any pixel has it. ``area`` stops at :data:`AREA_LIMIT`; then ``weight``,
+        ``core`` and ``saturated`` are set if any pixel has them, ``border`` if any pixel stands in
+        an outermost row or column. ``area`` stops at :data:`AREA_LIMIT`; then ``weight``,
         ``sum_u`` (weight times column) and ``sum_v`` (weight times row) are 0.
     """
     height, width = lit.shape
@@ -49,7 +53,10 @@ def label(lit, core, excess, weighted):
     weights = excess.ravel()[pixels].astype(np.int64) + 1 if weighted else np.ones_like(pixels)
     weight = np.add.reduceat(weights, first)
     sum_u = np.add.reduceat(weights * (pixels % width), first)
-    has_core = np.logical_or.reduceat(core.ravel()[pixels], first)
+    border = np.ones(lit.shape, bool)
+    border[1:-1, 1:-1] = False
+    flags = {name: np.logical_or.reduceat(of_pixel.ravel()[pixels], first) for name, of_pixel in (
+        ("core", core), ("saturated", saturated), ("border", border))}
 
     # Sums over each component. A component's last run has the highest number.
     roots = _joined(starts, stops, stride)
@@ -68,7 +75,8 @@ def label(lit, core, excess, weighted):
     area = total(areas)
     fits = area < AREA_LIMIT
     spots = np.zeros(len(order), dtype=SPOT_DTYPE)
-    spots["core"] = total(has_core) > 0
+    for name, of_run in flags.items():
+        spots[name] = total(of_run) > 0
     spots["area"] = np.minimum(area, AREA_LIMIT)
     spots["weight"] = np.where(fits, total(weight), 0)
     spots["sum_u"] = np.where(fits, total(sum_u), 0)

@@ -31,14 +31,16 @@ class Levels:
 
 
 def learning_rows(width, height):
-    """First row and number of rows that teach the noise, and the logarithm of their pixels.
+    """First row and number of rows that teach the noise, and the logarithm of their samples.
 
-    They stand in the middle of the frame; their number is such that their pixels are as nearly as
-    possible a power of two, and that at least 48 pixels follow them.
+    They stand in the middle of the frame; the pixels of their odd columns are samples. Their number
+    is such that the samples are as nearly as possible a power of two, and that at least 48 pixels
+    follow them.
     """
     following = -(-_FOLLOWING_PIXELS // width)
-    bits = (width * (height - 2 * following + 1)).bit_length() - 1
-    rows = round((1 << bits) / width)
+    samples = width // 2
+    bits = (samples * (height - 2 * following + 1)).bit_length() - 1
+    rows = round((1 << bits) / samples)
     return (height - rows) // 2, rows, bits
 
 
@@ -60,8 +62,8 @@ def frame_noise(difference):
         Rounded down, 511 at most.
     """
     first, rows, bits = learning_rows(*difference.shape[::-1])
-    band = difference[first:first + rows]
-    below = np.minimum(~band[band < 0] >> 1, _LARGEST).astype(np.int64)
+    band = difference[first:first + rows, 1::2]
+    below = (~band[band < 0] >> 1).astype(np.int64)
     root = isqrt(int((below ** 2).sum()) >> bits - 1)
     return min(max(root, _LEAST_NOISE), _LARGEST)
 

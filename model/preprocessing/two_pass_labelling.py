@@ -24,7 +24,8 @@ def label_in_two_passes(lit, core, labels):
     Returns
     -------
     spots : array of :data:`.labelling.SPOT_DTYPE`
-        ``core`` is set if any pixel has it; ``weight`` is the area. ``area`` stops at
+        ``core`` is set if any pixel has it, ``border`` if any stands in an outermost row or
+        column; ``saturated`` is False, and ``weight`` the area. ``area`` stops at
         :data:`.labelling.AREA_LIMIT`; then ``weight``, ``sum_u`` and ``sum_v`` are 0.
     dropped : :class:`int`
         Pixels that got no label, 65,535 at most.
@@ -45,7 +46,10 @@ def label_in_two_passes(lit, core, labels):
     area = total(np.ones(len(pixels)))
     fits = area < AREA_LIMIT
     spots = np.zeros(len(heads), dtype=SPOT_DTYPE)
+    border = np.ones(lit.shape, bool)
+    border[1:-1, 1:-1] = False
     spots["core"] = total(core.ravel()[pixels]) > 0
+    spots["border"] = total(border.ravel()[pixels]) > 0
     spots["area"] = np.minimum(area, AREA_LIMIT)
     spots["weight"] = np.where(fits, area, 0)
     spots["sum_u"] = np.where(fits, total(pixels % width), 0)

@@ -1,5 +1,6 @@
 """``cyclope calibrate``: calibrate a rig from its capture folder."""
 
+import re
 from pathlib import Path
 
 from hdl.protocol import MEAN_WINDOW_PIXELS
@@ -18,8 +19,13 @@ def add_arguments(parser):
         "Levels, centre and area are stored in the calibration: frames are measured with the same "
         "settings as the planes.")
     parser.add_argument("capture", type=Path, metavar="CAPTURE", help="the capture folder")
-    parser.add_argument("-o", "--output", required=True, type=Path, metavar="FILE",
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE",
                         help="calibration to write, calibration.json")
+    parser.add_argument(
+        "--plan", metavar="ROWSxCOLUMNS",
+        help="calibrate nothing: print how such a mesh should be turned against the base, from "
+             "the nominal values in capture.toml, for --depth-min to --depth-max (default: those "
+             "of the planes). The mesh spans the same angle as the one in capture.toml")
     parser.add_argument(
         "--preset", choices=("capsule", "paper"), default="capsule",
         help="the design that will measure: capsule (default), or paper, which undistorts whole "
@@ -35,14 +41,18 @@ def add_arguments(parser):
         help="fixed noise in grey values, 0.125 to 63.8, or learnt on the frame before (default)")
     capsule.add_argument("--lit", type=float, metavar="X",
                          help="a pixel is lit from this multiple on, 0.0625 to 3.9")
-    capsule.add_argument("--core", type=float, metavar="X",
-                         help="a spot has a pixel that reaches this multiple, 0.0625 to 3.9")
+    capsule.add_argument(
+        "--core", type=float, metavar="X",
+        help="a spot has a pixel that reaches this multiple in the smoothed image, 0.0625 to 3.9")
     capsule.add_argument(
         "--dent", type=float, metavar="X",
         help="a pixel parts two spots if it lies by this multiple below both, 0 to 3.9; 0: never")
     capsule.add_argument(
         "--window", type=int, metavar="N",
-        help="side of the window in pixels, odd, 5 to 21: that of the chip")
+        help="side of the window in pixels, odd, 5 to 31: that of the chip")
+    capsule.add_argument(
+        "--saturation", type=int, metavar="N",
+        help="grey value from which on a pixel is saturated, 1 to 255 (default 255)")
     paper = parser.add_argument_group("preset paper")
     paper.add_argument(
         "--threshold", metavar="N|adaptive",
@@ -56,16 +66,20 @@ def add_arguments(parser):
              "a 3x3 erosion leaves something of; off")
     parser.add_argument("--area-min", type=int, metavar="N", help="smallest spot, in pixels")
     parser.add_argument("--area-max", type=int, metavar="N",
-                        help="largest spot, in pixels, up to 255")
+                        help="largest spot, in pixels, up to 1023")
     parser.add_argument("--depth-min", type=float, metavar="MM",
                         help="nearest distance to measure (default: the nearest plane)")
     parser.add_argument("--depth-max", type=float, metavar="MM",
                         help="farthest distance to measure (default: the farthest plane)")
+    parser.add_argument(
+        "--dead", nargs="+", action="extend", default=[], metavar="ROW,COLUMN",
+        help="beams without light, counted from 0, besides those of dead in capture.toml: they "
+             "are not looked for, even a whole row or column")
     parser.add_argument("--no-picture", dest="picture", action="store_false",
                         help="do not write the plot")
 
 
-_CAPSULE = ("noise", "lit", "core", "dent", "window")
+_CAPSULE = ("noise", "lit", "core", "dent", "window", "saturation")
 _PAPER = ("threshold", "alpha", "erosion")
 
 
@@ -92,6 +106,10 @@ def _capsule_choices(arguments):
         if not least <= arguments.window <= most or arguments.window % 2 == 0:
             raise UserError(f"--window must be odd and {least} to {most}, not {arguments.window}.")
         choices["mean_window"] = arguments.window
+    if arguments.saturation is not None:
+        if not 1 <= arguments.saturation <= 255:
+            raise UserError(f"--saturation must be 1 to 255, not {arguments.saturation}.")
+        choices["saturation"] = arguments.saturation
     return choices
 
 
@@ -115,6 +133,7 @@ def _paper_choices(arguments):
 
 def _settings(arguments):
     """Settings with the user's choices, checked."""
+    from model.preprocessing.area import LARGEST_AREA
     from model.settings import Settings
 
     paper = arguments.preset == "paper"
@@ -128,8 +147,9 @@ def _settings(arguments):
     for name in ("area_min", "area_max"):
         value = getattr(arguments, name)
         if value is not None:
-            if not 1 <= value <= 255:
-                raise UserError(f"--{name.replace('_', '-')} must be 1 to 255, not {value}.")
+            if not 1 <= value <= LARGEST_AREA:
+                raise UserError(f"--{name.replace('_', '-')} must be 1 to {LARGEST_AREA}, not "
+                                f"{value}.")
             choices[name] = value
     settings = Settings(**choices)
     if settings.area_min > settings.area_max:
@@ -138,16 +158,47 @@ def _settings(arguments):
     return settings
 
 
+def _dead(texts, mesh):
+    """Numbers of the beams that the user knows to be dead."""
+    beams = set()
+    for text in texts:
+        match = re.fullmatch(r"(\d{1,3}),(\d{1,3})", text, re.ASCII)
+        row, column = (int(part) for part in match.groups()) if match else (-1, -1)
+        if not (0 <= row < mesh.rows and 0 <= column < mesh.columns):
+            raise UserError(f"--dead must be ROW,COLUMN, counted from 0, of the {mesh.rows} x "
+                            f"{mesh.columns} mesh, not '{text}'.")
+        beams.add(row * mesh.columns + column)
+    return frozenset(beams)
+
+
+def _check_depths(arguments):
+    """Refuse distances that are none."""
+    from calibration.capture import MOST_MM
+
+    for name in ("depth_min", "depth_max"):
+        value = getattr(arguments, name)
+        if value is not None and not 0 < value <= MOST_MM:
+            raise UserError(f"--{name.replace('_', '-')} must be above 0 and up to {MOST_MM} mm, "
+                            f"not {value:g}.")
+
+
 def main(arguments):
     """Run with parsed arguments; gives the exit status."""
     require("calibration", "`cyclope calibrate`")
     from rich import progress
     from rich.console import Console
 
-    from calibration.capture import MOST_MM, read_capture
+    from calibration.capture import read_capture
     from calibration.files import check_output
 
+    _check_depths(arguments)
+    if arguments.plan is not None:
+        from scripts.cyclope.mesh_plan import print_plan
+        return print_plan(arguments.capture, arguments.plan, arguments.depth_min,
+                          arguments.depth_max)
     output = arguments.output
+    if output is None:
+        raise UserError("`cyclope calibrate` needs the calibration to write: add -o FILE.")
     if output.is_dir():
         raise UserError(f"{output} is a folder: name a file, for instance "
                         f"{output / 'calibration.json'}.")
@@ -156,11 +207,6 @@ def main(arguments):
         raise UserError(f"{output} would be the calibration and its picture in one: name it "
                         f"{output.with_suffix('.json')}.")
     settings = _settings(arguments)
-    for name in ("depth_min", "depth_max"):
-        value = getattr(arguments, name)
-        if value is not None and not 0 < value <= MOST_MM:
-            raise UserError(f"--{name.replace('_', '-')} must be above 0 and up to {MOST_MM} mm, "
-                            f"not {value:g}.")
 
     from calibration.calibrate import Options, calibrate
     from calibration.figures import health
@@ -169,7 +215,8 @@ def main(arguments):
 
     capture = read_capture(arguments.capture)
     options = Options(settings=settings, depth_min=arguments.depth_min,
-                      depth_max=arguments.depth_max, remapped=arguments.preset == "paper")
+                      depth_max=arguments.depth_max, remapped=arguments.preset == "paper",
+                      dead=_dead(arguments.dead, capture.projector))
     console, errors = Console(), Console(stderr=True)
     bar = progress.Progress(
         progress.TextColumn("{task.description}"), progress.BarColumn(),

@@ -6,10 +6,10 @@ from pathlib import Path
 from hdl.protocol import Mode
 from model.errors import UserError
 from scripts.cyclope.program import pasteable
-from scripts.host.chip import REGISTERS
+from scripts.host.chip import check_value
 from scripts.host.commands import Commands
 from scripts.host.load_plan import LoadPlan
-from scripts.host.loading import signed
+from scripts.host.loading import registers_of
 from scripts.host.port import add_port_arguments, open_port
 from scripts.host.status import find_faults, laser
 
@@ -71,15 +71,7 @@ def _chosen(arguments):
             raise UserError("--register takes NAME=VALUE with a whole number, not "
                             f"{words[:40]!r}.") from None
     for name, value in chosen.items():
-        if name not in REGISTERS:
-            raise UserError(f"There is no register {name[:40]!r}; there are: "
-                            f"{', '.join(REGISTERS)}.")
-        register = REGISTERS[name]
-        half = 1 << register.bits - 1
-        low, high = (-half, half - 1) if register.signed else (register.low, 2 * half - 1)
-        high = high if register.high is None else register.high
-        if not low <= value <= high:
-            raise UserError(f"{name} must be {low} to {high}, not {str(value)[:40]}.")
+        check_value(name, value)
     if "mode" in chosen or "pattern_as_texture" in chosen:
         raise UserError(f"Choose the mode by one of --{', --'.join(_MODES)}.")
     if "divisor" in chosen:
@@ -125,8 +117,7 @@ def main(arguments):
         pattern_as_texture = pattern_as_texture or 0
         from calibration import file
         calibration = file.load(arguments.calibration)
-        chosen = {**{name: signed(name, value)
-                     for name, value in calibration.settings.registers().items()}, **chosen}
+        chosen = {**registers_of(calibration), **chosen}
     plan = LoadPlan(calibration, chosen, mode, pattern_as_texture, arguments.clear,
                     arguments.capture_ms)
     with open_port(arguments.port, arguments.baud, arguments.rtscts) as port:

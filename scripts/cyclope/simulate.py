@@ -12,7 +12,7 @@ __all__ = ["KINDS", "RIGS", "add_arguments", "main"]
 
 _MOST_FRAMES = 10000
 KINDS = ("plane", "tilted", "polyp", "tube", "mixed", "tissue")
-RIGS = ("endoscope", "demonstrator", "small")
+RIGS = ("endoscope", "demonstrator", "small", "dense")
 
 
 def add_arguments(parser):
@@ -34,7 +34,8 @@ def add_arguments(parser):
         "rigs:\n"
         "  endoscope     352 x 288,  7 x 7 beams,   5 mm base,   40 to  110 mm\n"
         "  demonstrator  352 x 288,  7 x 7 beams, 150 mm base,  600 to 1100 mm\n"
-        "  small          64 x 64,   4 x 4 beams,   5 mm base,   40 to  110 mm\n")
+        "  small          64 x 64,   4 x 4 beams,   5 mm base,   40 to  110 mm\n"
+        "  dense         352 x 288, 19 x 19 beams,  5 mm base,   40 to  110 mm\n")
     parser.add_argument("kind", metavar="KIND", choices=KINDS, help="what the rig looks at")
     parser.add_argument("output", type=Path, metavar="OUT",
                         help="folder to create; it must not hold anything yet")

@@ -1,5 +1,6 @@
 """``cyclope spots``: the spots of any images, without a calibration."""
 
+import os
 from collections import Counter
 from pathlib import Path
 
@@ -8,18 +9,24 @@ from scripts.cyclope.extras import require
 
 __all__ = ["add_arguments", "main"]
 
+#: Octets of a picture's name at the most: file systems take 255, and some are added while it is
+#: written.
+_LONGEST = 200
+
 
 def add_arguments(parser):
     """Declare what ``cyclope spots`` takes."""
     parser.description = (
         "Find the spots of images as the chip does, without a calibration: the first thing to do "
         "with images of one's own. OUT gets spots.csv (file,u_px,v_px,area_px,weight,peak,"
-        "saturated,status) and a picture of each image with its spots.")
+        "saturated,status,border) and a picture of each image with its spots.")
     parser.epilog = (
         "weight is the sum of what the spot's pixels exceed the level by, plus 1 each; peak is its "
-        "brightest grey value; saturated is 1 if a pixel has the grey value 255. The status is ok, "
-        "or rejected if the area is out of range. The noise is learnt on each image itself. "
-        "Rings are green, orange where pixels are saturated, and red for rejected spots.")
+        "brightest grey value; saturated is 1 if a pixel has the grey value 255; border is 1 if "
+        "the spot touches the border of the image: a part of it may be missing, and its centre is "
+        "then off. The status is ok, or rejected if the area is out of range. The noise is learnt "
+        "on each image itself. Rings are green, orange where pixels are saturated, and red for "
+        "rejected spots.")
     parser.add_argument(
         "images", nargs="+", type=Path, metavar="IMAGE|FOLDER",
         help="grey 8-bit images of up to 512 x 512 pixels, or folders of them; of a capture the "
@@ -54,7 +61,8 @@ def _names(paths):
     stems = Counter(path.stem.casefold() for path in paths)
     pictures = [f"{path.stem}.png" if stems[path.stem.casefold()] == 1
                 else f"{path.stem}-{number}.png" for number, path in enumerate(paths)]
-    if len({name.casefold() for name in pictures}) < len(pictures):
+    alike = len({name.casefold() for name in pictures}) < len(pictures)
+    if alike or any(len(os.fsencode(name)) > _LONGEST for name in pictures):
         pictures = [f"{number:04}.png" for number in range(len(paths))]
     return names, pictures
 
@@ -78,14 +86,19 @@ class _Finder:
 
 def _note(image, spots, dropped):
     """What there is to say of an image without spots, or of which spots are missing."""
-    from scripts.results.spot_rows import is_too_small
+    from model.preprocessing.area import LARGEST_AREA
+    from scripts.results.spot_rows import count_too_large, is_too_small
+    from scripts.results.summary import plural
     if is_too_small(image):
         return "smaller than the window that the chip looks through: no spots"
+    notes = []
+    if large := count_too_large(image):
+        notes.append(f"{plural(large, 'spot')} of more than {LARGEST_AREA:,} pixels: no row")
     if dropped:
-        return f"{dropped} spots dropped: buffer full"
-    if not len(spots):
+        notes.append(f"{dropped} spots dropped: buffer full")
+    if not notes and not len(spots):
         return "all pixels alike: no spots" if image.min() == image.max() else "no spots"
-    return ""
+    return "; ".join(notes)
 
 
 def main(arguments):

@@ -15,8 +15,8 @@ from hdl.protocol import (
 from model.errors import UserError
 from scripts.host.messages import fields_of
 
-__all__ = ["REGISTERS", "SENTENCES", "RefusedError", "State", "check_chip", "other_length",
-           "parse_identity", "parse_status"]
+__all__ = ["REGISTERS", "SENTENCES", "RefusedError", "State", "check_chip", "check_value",
+           "other_length", "parse_identity", "parse_status"]
 
 #: Registers by their names.
 REGISTERS = {register.name: register for register in registers()}
@@ -88,6 +88,26 @@ def check_chip(identity, calibration):
     if corrects and not calibration.settings.remap:
         raise UserError("The chip corrects whole images, and the calibration has no table for "
                         "that: calibrate with `cyclope calibrate --preset paper`.")
+
+
+def check_value(name, value):
+    """Refuse a register that there is not, or a value that it cannot have.
+
+    Parameters
+    ----------
+    name : :class:`str`
+        Of the register.
+    value : :class:`int`
+        What is to be written.
+    """
+    if name not in REGISTERS:
+        raise UserError(f"There is no register {name[:40]!r}; there are: {', '.join(REGISTERS)}.")
+    register = REGISTERS[name]
+    half = 1 << register.bits - 1
+    low, high = (-half, half - 1) if register.signed else (register.low, 2 * half - 1)
+    high = high if register.high is None else register.high
+    if not low <= value <= high:
+        raise UserError(f"{name} must be {low} to {high}, not {str(value)[:40]}.")
 
 
 def parse_identity(data):

@@ -158,8 +158,8 @@ class Commands:
 
     def begin(self, width, height, beams):
         """Begin a new set of tables."""
-        self.ask(Command.BEGIN, width.to_bytes(2, "little") + height.to_bytes(2, "little")
-                 + bytes([beams, TABLE_VERSION]), "this calibration")
+        sizes = b"".join(size.to_bytes(2, "little") for size in (width, height, beams))
+        self.ask(Command.BEGIN, sizes + bytes([TABLE_VERSION]), "this calibration")
 
     def chunks(self, words):
         """Yield (table, first word, words), as many as fit in a packet; ``words`` by name."""

@@ -14,7 +14,7 @@ from scripts.host.rebuild import point_check
 
 __all__ = ["POINT", "Decoder", "Frame", "Reply", "TextureFrame", "TexturePiece"]
 
-_RECORD_OCTETS = 9
+_RECORD_OCTETS = 10
 _COUNTS = ("spots", "ok", "noise", "ambiguous", "rejected", "dropped", "unlisted")
 _TEXTURE_OCTETS = sum(field.bits for field in TEXTURE_FIELDS) // 8
 _TRAILER_OCTETS = sum(field.bits for field in TRAILER_FIELDS) // 8
@@ -135,18 +135,20 @@ class Decoder:
         return self._last(body, True, events)
 
     def _records(self, body, events):
-        if len(body) == 1 or (len(body) - 1) % _RECORD_OCTETS:
+        points = _records(body[1:])
+        if not points:
             return False
-        self._more(body[0], _records(body[1:]), False, events)
+        self._more(body[0], points, False, events)
         return True
 
     def _records_last(self, body, events):
         return self._last(body, False, events)
 
     def _unmatched(self, body, events):
-        if len(body) == 1 or (len(body) - 1) % _RECORD_OCTETS:
+        points = _records(body[1:])
+        if not points:
             return False
-        self._more(body[0], _records(body[1:]), self._is_compact, events)
+        self._more(body[0], points, self._is_compact, events)
         self._close(events)
         return True
 
@@ -184,14 +186,9 @@ class Decoder:
         octets, values = body[1:-size], fields_of(body[-size:], TRAILER_FIELDS, wide)
         if values["number"] & 0xFF != body[0]:
             return False
-        if compact:
-            points = _compact(octets)
-            if points is None:
-                return False
-        elif len(octets) % _RECORD_OCTETS:
+        points = _compact(octets) if compact else _records(octets)
+        if points is None:
             return False
-        else:
-            points = _records(octets)
         self._more(body[0], points, compact, events)
         self._number(values)
         self._trailer = values
@@ -295,26 +292,39 @@ def _compact(octets):
     while left >= COMPACT.SHORT_BITS:
         if word & 1:
             bits = COMPACT.LONG_BITS
-            v, u, area = word >> 1 & 0x3FFFF, word >> 19 & 0x3FFFF, word >> 37 & 0xFF
+            v, u, area = word >> 1 & 0x3FFFF, word >> 19 & 0x3FFFF, word >> 37 & 0x1FF
+            flags = tuple(word >> bit & 1 for bit in (46, 47))
         else:
             bits = COMPACT.SHORT_BITS
             v += (word >> 1 & ((1 << COMPACT.V_BITS) - 1)) - COMPACT.V_OFFSET
             place = 1 + COMPACT.V_BITS
             u = word >> place & 0x3FFFF
             area = word >> place + 18 & ((1 << COMPACT.AREA_BITS) - 1)
+            flags = 0, 0
         if bits > left or not 0 <= v < 1 << 18:
             return None
-        points.append((0, 0, area, u, v, 0))
+        points.append((0, 0, _area(area), *flags, u, v, 0))
         word >>= bits
         left -= bits
     return None if word or left >= 8 else points
 
 
+def _area(code):
+    """The smallest area that has this code."""
+    return code if code < 256 else 2 * code - 256 if code < 384 else 4 * code - 1024
+
+
 def _records(octets):
-    """Points as tuples of :data:`POINT`, 9 octets each."""
+    """Points as tuples of :data:`POINT`, 10 octets each, or None if that is not what they are."""
+    if len(octets) % _RECORD_OCTETS:
+        return None
     points = []
     for place in range(0, len(octets), _RECORD_OCTETS):
         word = int.from_bytes(octets[place:place + _RECORD_OCTETS], "little")
-        points.append((word & 3, word >> 2 & 0x7F, word >> 9 & 0xFF, word >> 17 & 0x3FFFF,
-                       word >> 35 & 0x3FFFF, word >> 53 & 0x3FFFF))
+        label, inverse_z = word & 0x1FF, word >> 56
+        if inverse_z >> 18 or (not inverse_z and not 1 <= label <= 3):
+            return None
+        points.append((0 if inverse_z else label, label if inverse_z else 0,
+                       _area(word >> 9 & 0x1FF), *(word >> bit & 1 for bit in (18, 19)),
+                       word >> 20 & 0x3FFFF, word >> 38 & 0x3FFFF, inverse_z))
     return points

@@ -12,7 +12,7 @@ from scripts.host.status import HEARTBEAT
 
 __all__ = ["LoadPlan"]
 
-#: Seconds to wait until the chip has done what it was told.
+#: Seconds to wait until the chip has done what was asked.
 _PATIENCE = 10.0
 
 
@@ -97,7 +97,7 @@ class LoadPlan:
             commands.write("mode", self.mode)
 
     def settle(self, commands):
-        """Wait until the chip does what it was told; gives its status.
+        """Wait until the chip does what was asked; gives its status.
 
         A chip that stood still has missed its laser guard's heartbeat: that is cleared, as long as
         the guard held nothing else.

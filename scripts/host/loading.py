@@ -6,7 +6,7 @@ from hdl.protocol import REMAP, Mode
 from model.errors import UserError
 from scripts.host.chip import REGISTERS
 
-__all__ = ["load", "signed", "stop", "wait_until", "write_registers"]
+__all__ = ["load", "registers_of", "signed", "stop", "wait_until", "write_registers"]
 
 
 def signed(name, value):
@@ -14,6 +14,17 @@ def signed(name, value):
     register = REGISTERS[name]
     return value - (1 << register.bits) if (
         register.signed and value >> register.bits - 1) else value
+
+
+def registers_of(calibration):
+    """Values of the registers that a calibration needs, by name.
+
+    ``points_max`` has room for the whole mesh, a quarter of it twice.
+    """
+    settings, beams = calibration.settings, len(calibration.settings.line)
+    return {**{name: signed(name, value) for name, value in settings.registers().items()},
+            "points_max": min(max(REGISTERS["points_max"].reset, beams + beams // 4),
+                              (1 << REGISTERS["points_max"].bits) - 1)}
 
 
 def write_registers(commands, chosen):

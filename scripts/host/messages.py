@@ -9,7 +9,8 @@ from hdl.protocol import Flag
 __all__ = ["POINT", "Frame", "Reply", "TextureFrame", "TexturePiece", "fields_of"]
 
 #: A point in the integer units of the link.
-POINT = np.dtype([("status", np.uint8), ("beam", np.uint8), ("area", np.uint8), ("u", np.uint32),
+POINT = np.dtype([("status", np.uint8), ("beam", np.uint16), ("area", np.uint16),
+                  ("saturated", np.bool_), ("border", np.bool_), ("u", np.uint32),
                   ("v", np.uint32), ("inverse_z", np.uint32)])
 
 
@@ -64,7 +65,7 @@ class Frame(_Flags):
     grey_noise : :class:`int`
         What the level is a multiple of, in eighths of a grey value; 0 in the preset ``paper``.
     saturated : :class:`int`
-        Pixels of the largest grey value; 0 in the preset ``paper``.
+        Pixels at the sensor's maximum; 0 in the preset ``paper``.
     skipped : :class:`int`
         Frames that the chip left out before this one.
     exposure_us : :class:`int`

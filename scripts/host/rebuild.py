@@ -12,7 +12,7 @@ from model.stereo.undistort import undistort
 
 __all__ = ["Rebuilder", "point_check"]
 
-_BEAM_BITS, _DEPTH_BITS = 7, 18
+_BEAM_BITS, _DEPTH_BITS = 9, 18
 
 
 def _table():
@@ -34,7 +34,7 @@ def point_check(beam, inverse_z):
     Parameters
     ----------
     beam, inverse_z : array of :class:`int`
-        7 and 18 bits of each ok point.
+        9 and 18 bits of each ok point.
     """
     words = (np.asarray(beam, np.int64) | np.asarray(inverse_z, np.int64) << _BEAM_BITS).reshape(-1)
     bits = (words[:, None] >> np.arange(_BEAM_BITS + _DEPTH_BITS) & 1).astype(np.uint8).reshape(-1)

@@ -7,14 +7,13 @@ import numpy as np
 
 from hdl.protocol import Command, Reason
 from model.errors import UserError
-from model.preprocessing.centre import LSB_PX
 from scripts.host.chip import check_chip, parse_identity, parse_status
+from scripts.host.frame_locator import NAMES, FrameLocator
 from scripts.host.image_assembly import ImageAssembly
 from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
 from scripts.results.cloud import PointCloud
-from scripts.results.locator import Locator, find_duplicates
 from scripts.results.outputs import CSV_HEADER, csv_line, whole_file
-from scripts.results.points import DOUBTFUL, DUPLICATE, POINT, STATUS
+from scripts.results.points import DOUBTFUL, DUPLICATE, OK
 from scripts.results.row_file import RowFile
 
 __all__ = ["MISMATCH", "NO_CALIBRATION", "Recorder"]
@@ -24,9 +23,6 @@ MISMATCH = ("the calibration is not the one in the chip, or the chip's depth uni
 NO_CALIBRATION = ("The points come in their compact form, which needs the calibration that the "
                   "chip was loaded with: add --calibration calibration.json, or have the chip "
                   "send records (`cyclope load PORT --register full_records=1`).")
-#: Points of frames whose check failed get this word instead of ok, and no coordinates.
-_NAMES = (*STATUS, "unverified")
-_OK, _UNVERIFIED = STATUS.index("ok"), len(STATUS)
 #: Grey values in the tables, and how many of the chip's units make one.
 _GREY_UNITS = {"level": 16, "grey_noise": 8}
 _COUNTED = ("level", "grey_noise", "saturated", "skipped", "spots", "ok", "noise", "ambiguous",
@@ -77,6 +73,10 @@ class Recorder:
         Fragments of images whose frame was never announced.
     last : :class:`scripts.host.messages.Frame` or None
         The last pattern frame.
+    located : array of :data:`scripts.results.points.POINT` or None
+        Its points.
+    locate : :class:`scripts.host.frame_locator.FrameLocator`
+        What makes points of frames.
     identity, status : :class:`dict` or None
         What the chip replied to IDENTIFY, and last to STATUS.
     written : set of :class:`~pathlib.Path`
@@ -86,10 +86,10 @@ class Recorder:
     def __init__(self, folder, calibration=None, last_only=False, doubtful=True):
         self.folder, self.calibration, self.last_only = Path(folder), calibration, last_only
         self.doubtful = doubtful
-        self._locate = calibration and Locator(calibration)
+        self.locate = FrameLocator(calibration)
         self.frames = self.points = self.unverified = 0
         self.verified = self.lit = self.tabled = self.tripped = self.reported = 0
-        self.last = self.identity = self.status = None
+        self.last = self.located = self.identity = self.status = None
         size = calibration and (calibration.width, calibration.height)
         self.images = {kind: ImageAssembly(size) for kind in ("texture", "pattern")}
         self.complete = dict.fromkeys(self.images, 0)
@@ -97,7 +97,6 @@ class Recorder:
         self.orphans = 0
         self._lit = {}  # of the last texture frames, by index
         self._early = []  # fragments that came before their frame was announced
-        self._trusted = False  # the last check that could be made was right
         self.written = set()
         try:
             self._points = self._table("points.csv", CSV_HEADER + "\n")
@@ -213,14 +212,13 @@ class Recorder:
         self.tabled += frame.tables_valid
         self.tripped += frame.tripped
         if frame.verified is not None:
-            self._trusted = frame.verified and (self._trusted or frame.ok > 0)
             self.unverified += not frame.verified
             self.verified += frame.verified and frame.ok > 0
-        reported = int(np.count_nonzero(frame.points["status"] == _OK))
+        reported = int(np.count_nonzero(frame.points["status"] == OK))
         self.reported += reported
         if frame.compact and reported and self.calibration is None:
             raise UserError(NO_CALIBRATION)
-        points = self._located(frame)
+        points = self.located = self.locate(frame)
         found = [str(np.count_nonzero(points["status"] == status))
                  for status in (DUPLICATE, DOUBTFUL)]
         if frame.summarised:
@@ -234,33 +232,13 @@ class Recorder:
                 str(frame.index), "pattern", *blank, "incomplete", str(frame.lost), "", "",
                 *found]) + "\n")
         for point in points:
-            self._points.append(csv_line(point, _NAMES))
-        self.points += int(np.count_nonzero(points["status"] == _OK))
+            self._points.append(csv_line(point, NAMES))
+        self.points += int(np.count_nonzero(points["status"] == OK))
         located = points[~np.isnan(points["z"])
                          & (self.doubtful | (points["status"] != DOUBTFUL))]
         if self.last_only and len(located):
             self._cloud.clear()
         self._cloud.add(located)
-
-    def _located(self, frame):
-        reported = frame.points.copy()
-        if not self._trusted:
-            reported["status"][reported["status"] == _OK] = _UNVERIFIED
-        if self.calibration is not None:
-            # The texture comes later and in parts: the cloud takes intensities from it at the end.
-            return self._locate(reported, frame.index, np.zeros((1, 1), np.uint8))
-        points = np.zeros(len(reported), POINT)
-        points["frame"] = frame.index
-        for name in ("status", "area"):
-            points[name] = reported[name]
-        points["beam"] = np.where(
-            points["status"] == _OK, np.asarray(reported["beam"], np.int16), -1)
-        points["status"][find_duplicates(reported)] = DUPLICATE
-        for name in "uv":
-            points[name] = np.asarray(reported[name], float) * LSB_PX
-        for name in "xyz":
-            points[name] = np.nan
-        return points
 
     def _reply(self, reply):
         if reply.reason != Reason.OK:

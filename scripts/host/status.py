@@ -9,7 +9,7 @@ _MODES = {Mode.STOP: "stopped", Mode.CONTINUOUS: "continuous", Mode.SINGLE: "sin
 _CAUSES = {
     "pulse": "a pulse longer than the ceiling", "repetition": "a pulse too soon after another",
     "duty": "too much light in the window", "not_armed": "light requested while not armed",
-    "heartbeat": "frames that stopped coming"}
+    "heartbeat": "frames that stopped coming", "upset": "a flipped bit in its registers"}
 HEARTBEAT = 1 << GUARD_CAUSES.index("heartbeat")
 _FAULTS = {
     "frame": "the end of a frame was lost", "row": "a row arrived too late",

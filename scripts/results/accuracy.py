@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.csv_table import read_table
+from hdl.protocol import MOST_BEAMS
+from model.preprocessing.area import LARGEST_AREA
 from scripts.results.points import POINT, STATUS
 
 __all__ = ["TRUTH", "WRONG", "Accuracy", "compare", "load_points", "load_truth"]
@@ -23,9 +25,9 @@ TRUTH = np.dtype([
     ("frame", np.int32), ("beam", np.int16), ("u", np.float64), ("v", np.float64),
     ("x", np.float64), ("y", np.float64), ("z", np.float64), ("inside", np.bool_)])
 
-#: Octets of a table: 10000 frames of 128 beams have half of them.
+#: Octets of a table: 8000 frames of 512 beams.
 _MOST = 1 << 28
-_MOST_FRAME, _MOST_BEAM, _MOST_LENGTH = 2**31 - 1, 127, 1e6
+_MOST_FRAME, _MOST_BEAM, _MOST_LENGTH = 2**31 - 1, MOST_BEAMS - 1, 1e6
 _INSIDE = {"1": True, "true": True, "0": False, "false": False}
 _COLUMNS = ("frame", "beam", "u_px", "v_px", "x_mm", "y_mm", "z_mm", "inside")
 
@@ -83,9 +85,10 @@ def load_points(path):
         frame = row.number("frame", 0, _MOST_FRAME, "the number of a frame", whole=True)
         beam = row.number("beam", 0, _MOST_BEAM, "the number of a beam or nothing", whole=True,
                           empty=-1)
-        area = row.number("area_px", 0, 255, "a number of pixels", whole=True)
+        area = row.number("area_px", 0, LARGEST_AREA, "a number of pixels", whole=True)
         u, v, *place = _coordinates(row)
-        rows.append((frame, beam, u, v, area, *place, STATUS.index(row.text("status")), 0))
+        rows.append((frame, beam, u, v, area, *place, STATUS.index(row.text("status")), 0,
+                     False, False))
     return np.array(rows, POINT)
 
 

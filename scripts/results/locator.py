@@ -2,13 +2,14 @@
 
 import numpy as np
 
+from hdl.protocol import MOST_BEAMS
 from model.preprocessing.centre import LSB_PX
 from model.stereo.epipolar import unpack_line
 from model.stereo.undistort import undistort
 from scripts.results.doubt import contradicts, is_near
 from scripts.results.points import DOUBTFUL, DUPLICATE, OK, POINT
 
-__all__ = ["Locator", "find_duplicates", "locate"]
+__all__ = ["Locator", "find_duplicates"]
 
 
 def find_duplicates(reported, calibration=None):
@@ -21,7 +22,7 @@ def find_duplicates(reported, calibration=None):
     Parameters
     ----------
     reported : structured array
-        Spots of one frame, as for :func:`locate`.
+        Spots of one frame, as for :class:`Locator`.
     calibration : calibration or None
         Gives the lines.
 
@@ -55,31 +56,13 @@ def _line_distance(reported, calibration):
     return np.abs(y - (((slope * x + (1 << 16)) >> 17) + offset))
 
 
-def locate(reported, index, calibration, grey):
-    """Rows of a frame's spots, in the order in which the chip reports them.
+class Locator:
+    """Frames in their order to rows of points, one for each spot.
 
     x, y and z are those of the undistorted ray through the spot's centre, at the depth that the
     chip measured. A beam has one ok point at most, see :func:`find_duplicates`. Where the chip
     corrects whole images, it reports coordinates in the corrected image; u and v are where the
-    lens puts them. No point is doubted: that is what :class:`Locator` does.
-
-    Parameters
-    ----------
-    reported : structured array
-        ``status beam area u v inverse_z``, in the integer units of the link.
-    index : :class:`int`
-        The frame's number.
-    calibration : calibration
-        Gives the lens and the unit of ``inverse_z``.
-    grey : 2-D ``uint8`` array
-        Where the intensity is read.
-    """
-    points = _rows(reported, index, calibration, grey)
-    return _without_coordinates(points)
-
-
-class Locator:
-    """Frames in their order to rows of points, like :func:`locate`; some points are doubtful.
+    lens puts them.
 
     A point is doubtful if it contradicts its neighbours in the mesh, see
     :func:`scripts.results.doubt.contradicts`, and the depth of the last ok point of its beam, if
@@ -89,17 +72,31 @@ class Locator:
     Parameters
     ----------
     calibration : calibration
-        As for :func:`locate`.
+        Gives the lens, the lines and the unit of ``inverse_z``.
     related : :class:`bool`
         Frames follow one another in time; otherwise each is judged by itself.
     """
 
     def __init__(self, calibration, related=True):
         self.calibration, self.related = calibration, related
-        self._last = np.full(1 << 8, np.nan)  # 1/z of each beam's last ok point
+        self._last = np.full(MOST_BEAMS, np.nan)  # 1/z of each beam's last ok point
 
     def __call__(self, reported, index, grey):
-        """Rows of a frame's spots; arguments as for :func:`locate`."""
+        """Rows of a frame's spots, in the order in which the chip reports them.
+
+        Parameters
+        ----------
+        reported : structured array
+            ``status beam area u v inverse_z``, in the integer units of the link.
+        index : :class:`int`
+            The frame's number.
+        grey : 2-D ``uint8`` array
+            Where the intensity is read.
+
+        Returns
+        -------
+        array of :data:`scripts.results.points.POINT`
+        """
         points = _rows(reported, index, self.calibration, grey)
         located = np.flatnonzero(np.isfinite(points["z"]))
         order = np.argsort(_line_distance(reported[located], self.calibration), kind="stable")
@@ -116,7 +113,9 @@ class Locator:
         if self.related:
             kept = points[located[points["status"][located] == OK]]
             self._last[kept["beam"]] = 1 / kept["z"]
-        return _without_coordinates(points)
+        for name in "xyz":
+            points[name][points["status"] == DUPLICATE] = np.nan
+        return points
 
     def _doubt(self, points, reported, chosen, best):
         """Which of the chosen spots contradict the best ones, and the past."""
@@ -127,18 +126,11 @@ class Locator:
             self.calibration.columns) & ~is_near(inverse, self._last[beam])
 
 
-def _without_coordinates(points):
-    """The rows, duplicates without coordinates."""
-    for name in "xyz":
-        points[name][points["status"] == DUPLICATE] = np.nan
-    return points
-
-
 def _rows(reported, index, calibration, grey):
-    """As :func:`locate`, but duplicates have coordinates."""
+    """Rows of a frame's spots, of which none is doubtful yet; duplicates have coordinates."""
     points = np.zeros(len(reported), POINT)
     points["frame"] = index
-    for name in ("status", "area"):
+    for name in ("status", "area", "saturated", "border"):
         points[name] = reported[name]
     ok = points["status"] == OK
     points["status"][find_duplicates(reported, calibration)] = DUPLICATE

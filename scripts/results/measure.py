@@ -4,6 +4,7 @@ from collections import deque
 
 import numpy as np
 
+from calibration.files import list_names
 from calibration.image import read_image
 from scripts.results.locator import Locator
 from scripts.results.points import STATUS, FrameResult
@@ -13,6 +14,8 @@ __all__ = ["CLIPPED", "frame_notes", "measure"]
 
 #: A frame with a larger share of white pixels is reported as overexposed.
 CLIPPED = 0.001
+#: Beams that a note names.
+_NAMED_BEAMS = 8
 
 
 def frame_notes(image, frame, points):
@@ -55,7 +58,9 @@ def frame_notes(image, frame, points):
     beams = points["beam"][points["beam"] >= 0].tolist()
     twice = sorted({beam for beam in beams if beams.count(beam) > 1})
     if twice:
-        notes.append(f"more than one spot for beam {' '.join(map(str, twice))}")
+        notes.append("more than one spot for "
+                     f"{'beam' if len(twice) == 1 else 'beams'} "
+                     + list_names([str(beam) for beam in twice], _NAMED_BEAMS))
     clipped = np.mean(image == 255)
     if not image.any():
         notes.append("all black")

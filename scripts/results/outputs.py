@@ -15,7 +15,7 @@ from scripts.results.points import STATUS
 __all__ = ["CSV_HEADER", "check_folder", "csv_line", "new_folder", "ply_header", "ply_line",
            "take_folder", "whole_file", "write_csv", "write_ply"]
 
-CSV_HEADER = "frame,beam,u_px,v_px,area_px,x_mm,y_mm,z_mm,status"
+CSV_HEADER = "frame,beam,u_px,v_px,area_px,x_mm,y_mm,z_mm,status,saturated,border"
 
 
 def check_folder(path):
@@ -151,7 +151,8 @@ def csv_line(point, names=STATUS):
     beam = "" if point["beam"] < 0 else str(point["beam"])
     coordinates = ",".join(_number(point[name], 4) for name in "xyz")
     return (f"{point['frame']},{beam},{point['u']:.4f},{point['v']:.4f},{point['area']},"
-            f"{coordinates},{names[point['status']]}\n")
+            f"{coordinates},{names[point['status']]},{int(point['saturated'])},"
+            f"{int(point['border'])}\n")
 
 
 def write_csv(path, points):

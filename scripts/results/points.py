@@ -18,11 +18,12 @@ DUPLICATE = STATUS.index("duplicate")
 DOUBTFUL = STATUS.index("doubtful")
 
 #: A spot: image coordinates in pixels, coordinates in millimetres (NaN where there are none), beam
-#: (-1 where there is none), grey value at the spot.
+#: (-1 where there is none), grey value at the spot, whether a pixel of it is saturated, and whether
+#: it touches the border of the picture.
 POINT = np.dtype([
     ("frame", np.int64), ("beam", np.int16), ("u", np.float64), ("v", np.float64),
     ("area", np.int16), ("x", np.float64), ("y", np.float64), ("z", np.float64),
-    ("status", np.uint8), ("intensity", np.uint8)])
+    ("status", np.uint8), ("intensity", np.uint8), ("saturated", np.bool_), ("border", np.bool_)])
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class FrameResult:
         Grey values from which on pixels were lit, above the local mean or in the preset ``paper``
         above 0; and the noise that this is a multiple of, 0 in the preset ``paper``.
     saturated : :class:`int`
-        Pixels of the largest grey value; 0 in the preset ``paper``.
+        Pixels at the sensor's maximum; 0 in the preset ``paper``.
     spots, rejected, dropped : :class:`int`
         Connected components in the frame, those that were rejected in any block, and those that
         were dropped because a buffer was full.

@@ -7,17 +7,21 @@ import numpy as np
 
 from calibration.reciprocal import reciprocal_table
 from calibration.spots import image_spots
+from model.preprocessing.area import LARGEST_AREA, area_code, coded_area
 from model.preprocessing.front_chain import learn_noise, lit_pixels
 from model.settings import Settings
 
-__all__ = ["HEADER", "SPOT", "STATUS", "is_too_small", "spot_settings", "spots_of", "write_spots"]
+__all__ = [
+    "HEADER", "SPOT", "STATUS", "count_too_large", "is_too_small", "spot_settings", "spots_of",
+    "write_spots"]
 
-HEADER = ("file", "u_px", "v_px", "area_px", "weight", "peak", "saturated", "status")
+HEADER = ("file", "u_px", "v_px", "area_px", "weight", "peak", "saturated", "status", "border")
 STATUS = ("ok", "rejected")
 #: A spot: centre in pixels, pixels, sum of their weights, brightest grey value, whether a pixel is
-#: saturated, and the status's number in :data:`STATUS`.
+#: saturated, the status's number in :data:`STATUS`, and whether it touches the border.
 SPOT = np.dtype([("u", np.float64), ("v", np.float64), ("area", np.int64), ("weight", np.int64),
-                 ("peak", np.uint8), ("saturated", np.bool_), ("status", np.uint8)])
+                 ("peak", np.uint8), ("saturated", np.bool_), ("status", np.uint8),
+                 ("border", np.bool_)])
 
 
 def spot_settings():
@@ -31,12 +35,12 @@ def is_too_small(image):
 
 
 def _sums(labels, count, weights):
-    """Area, weight, and weight times column and row, of each component."""
+    """Area as it is reported, weight, and weight times column and row, of each component."""
     height, width = labels.shape
     flat = labels.ravel()
     row, column = np.divmod(np.arange(height * width), width)
     weights = weights.ravel()
-    return np.stack([np.bincount(flat, minlength=count)] + [
+    return np.stack([coded_area(area_code(np.bincount(flat, minlength=count)))] + [
         np.rint(np.bincount(flat, weights * factor, count)).astype(np.int64)
         for factor in (1, column, row)], axis=-1)
 
@@ -62,7 +66,8 @@ def spots_of(image):
     found, u, v, _ = image_spots(image, settings)
     spots = np.zeros(len(found), SPOT)
     spots["u"], spots["v"] = u, v
-    spots["area"], spots["weight"] = found["area"], found["weight"]
+    for name in ("area", "weight", "saturated", "border"):
+        spots[name] = found[name]
     spots["status"] = found["rejected"]
     # Which pixels they are: the components that have the same sums.
     lit, _, excess, _ = lit_pixels(image, learn_noise(image, settings), settings)
@@ -74,8 +79,21 @@ def spots_of(image):
         _sums(labels, count, weights)[1:].tolist(), brightest[1:].tolist(), strict=True)}
     spots["peak"] = [by_sums[key] for key in zip(
         *(found[name].tolist() for name in ("area", "weight", "sum_u", "sum_v")), strict=True)]
-    spots["saturated"] = spots["peak"] == 255
     return spots
+
+
+def count_too_large(image):
+    """How many components of an image have a core, and more pixels than any spot may have.
+
+    They have no centre, and so no row; the chip counts them as rejected.
+    """
+    if is_too_small(image):
+        return 0
+    settings = spot_settings()
+    lit, core, _, _ = lit_pixels(image, learn_noise(image, settings), settings)
+    count, labels = cv2.connectedComponents(lit.astype(np.uint8), connectivity=8)
+    large = np.bincount(labels.ravel(), minlength=count) > LARGEST_AREA
+    return int(np.count_nonzero(large[np.unique(labels[core])]))
 
 
 def write_spots(path, rows):
@@ -95,4 +113,5 @@ def write_spots(path, rows):
             for spot in spots:
                 table.writerow([
                     name, f"{spot['u']:.4f}", f"{spot['v']:.4f}", spot["area"], spot["weight"],
-                    spot["peak"], int(spot["saturated"]), STATUS[spot["status"]]])
+                    spot["peak"], int(spot["saturated"]), STATUS[spot["status"]],
+                    int(spot["border"])])

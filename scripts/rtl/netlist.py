@@ -5,9 +5,8 @@ import re
 from collections import defaultdict
 
 from amaranth._toolchain.yosys import find_yosys
-from amaranth.back import rtlil
 
-from hdl.export import flat_ports
+from hdl.export import to_rtlil
 
 __all__ = ["Graph", "netlist"]
 
@@ -17,8 +16,7 @@ BITWISE = {"$and", "$or", "$xor", "$xnor", "$not", "$pos", "$mux", "$pmux", "$bw
 
 def netlist(component, name="top"):
     """The flat netlist of ``component``, in the form of yosys' JSON: word-level cells and bits."""
-    ports = {port: (value, None) for port, (value, _) in flat_ports(component).items()}
-    text = rtlil.convert(component, name=name, ports=ports, emit_src=False)
+    text = to_rtlil(component, name)
     yosys = find_yosys(lambda version: version >= (0, 40))
     answer = yosys.run(["-q", "-"], f"read_rtlil <<rtlil\n{text}\nrtlil\n"
                        "proc; flatten; opt_expr; opt_clean; memory_collect; opt_clean\n"

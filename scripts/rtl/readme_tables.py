@@ -91,7 +91,8 @@ def _compact():
         (form.V_BITS, f"v less the v of the point before in the packet (0 for the first), plus "
                       f"{form.V_OFFSET}", 18, "v"),
         (18, "u", 18, "u"),
-        (form.AREA_BITS, "area", 8, "area"),
+        (form.AREA_BITS, "area", 9, "the area's code"),
+        ("", "", 2, "`saturated`, `border`"),
         (form.SHORT_BITS, "together", form.LONG_BITS, "together")))
 
 

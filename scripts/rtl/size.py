@@ -35,7 +35,7 @@ CELLS = {
 LIMITS = {
     "capsule": {"lut4": 4600, "mult18x18": 14, "ramb16": 19},
     "paper": {"lut4": 11500, "mult18x18": 56, "ramb16": 124},
-    "instrument": {"lut4": 6500, "mult18x18": 14, "ramb16": 20},
+    "instrument": {"lut4": 6600, "mult18x18": 14, "ramb16": 20},
     "labelling": {"lut4": 1500, "ramb16": 6},
 }
 COLUMNS = ("lut4", "ff", "mult18x18", "ramb16")

@@ -19,7 +19,8 @@ from model.paper import Paper as PaperModel
 from model.preprocessing.remap import pack_remap
 from scripts.host.decoder import Decoder
 from scripts.host.rebuild import Rebuilder
-from scripts.simulation.library import build, clocked_verilog, harness, rtl_sources
+from scripts.simulation.library import build, clocked_verilog, harness
+from scripts.simulation.sources import rtl_sources
 from scripts.simulation.verilator import verilator_environment
 
 __all__ = ["ModelEngine", "RTLEngine", "open_engine", "preset_of",

@@ -5,7 +5,8 @@ import ctypes
 import numpy as np
 
 from scripts.simulation.engine import require_compiler
-from scripts.simulation.library import build, clocked_verilog, harness, rtl_sources
+from scripts.simulation.library import build, clocked_verilog, harness
+from scripts.simulation.sources import rtl_sources
 
 __all__ = ["Instrument", "Line"]
 
@@ -35,7 +36,7 @@ def _library(config):
 
 
 class Instrument:
-    """An instrument that runs as long as it is told to.
+    """An instrument that runs for a given time.
 
     Parameters
     ----------

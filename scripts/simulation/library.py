@@ -11,11 +11,10 @@ from pathlib import Path
 
 from model.errors import UserError
 from scripts import paths
-from scripts.paths import HDL
 from scripts.simulation.compiler import compile_verilated
 from scripts.simulation.verilator import verilator_environment
 
-__all__ = ["ZEROS", "build", "clocked_verilog", "harness", "rtl_sources"]
+__all__ = ["ZEROS", "build", "clocked_verilog", "harness"]
 
 BUILD = paths.COMPILED / "native"
 _HERE = Path(__file__).parent
@@ -30,11 +29,6 @@ def harness(name, memory):
     """The C++ of a harness beside this file, ``memory``: with a model of the external memory."""
     text = (_HERE / name).read_text()
     return f"#define PAPER\n{(_HERE / 'sram.hpp').read_text()}\n{text}" if memory else text
-
-
-def rtl_sources(*files):
-    """Text of all that the RTL is written in, and of ``files``."""
-    return "".join(file.read_text() for file in (*sorted(HDL.rglob("*.py")), *map(Path, files)))
 
 
 def clocked_verilog(component, name, clocks, registered=None, any_edge=True):

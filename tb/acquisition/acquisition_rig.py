@@ -10,6 +10,7 @@ from hdl.acquisition.camera import Camera
 from hdl.acquisition.laser_guard import LaserGuard
 from hdl.acquisition.sequencer import Sequencer
 from hdl.payloads import FrameTag, GreyPixel
+from hdl.protocol import GUARD_CAUSES
 
 __all__ = ["AcquisitionRig"]
 
@@ -40,7 +41,7 @@ class AcquisitionRig(wiring.Component):
             **{name: camera[name] for name in self.pins},
             **{name: members[name] for name in (*_INPUTS, *_OUTPUTS)},
             "laser": Out(1),
-            "causes": Out(5),
+            "causes": Out(len(GUARD_CAUSES)),
             "o": Out(stream.Signature(GreyPixel)),
             "tag": Out(FrameTag),
         })

@@ -6,6 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from hdl.acquisition.laser_guard import LaserGuard
 from hdl.acquisition.sequencer import Sequencer
+from hdl.protocol import GUARD_CAUSES
 
 __all__ = ["Guarded"]
 
@@ -29,7 +30,7 @@ class Guarded(wiring.Component):
             "laser": Out(1),
             "lit": Out(1),
             "armed": Out(1),
-            "causes": Out(5),
+            "causes": Out(len(GUARD_CAUSES)),
         })
 
     def elaborate(self, platform):

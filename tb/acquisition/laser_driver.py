@@ -1,6 +1,22 @@
-"""The laser's AC-coupled driver."""
+"""The laser's AC-coupled driver, and what it must be like."""
 
-__all__ = ["LaserDriver"]
+from math import log, pi
+
+__all__ = ["HOLD_NS", "LaserDriver", "corner_hz"]
+
+#: Longest light after an edge of the pin, in nanoseconds: what the README requires of a driver.
+HOLD_NS = 125
+
+
+def corner_hz(swing, hold_ns=HOLD_NS):
+    """Least corner frequency of a high-pass whose output, an edge of the pin, decays in time.
+
+    Parameters
+    ----------
+    swing : :class:`float`
+        Height of an edge, in units of the level that lights the laser.
+    """
+    return log(swing) / (2 * pi * hold_ns * 1e-9)
 
 
 class LaserDriver:

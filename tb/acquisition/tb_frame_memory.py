@@ -40,7 +40,7 @@ async def case(dut):
     got = await play(dut, *given["clocks"], **given["settings"])
     cocotb.log.info(f"{got}")
     assert not got["torn"], f"{got['torn']} of {got['compared']} pixels are of another frame"
-    assert not got["stale"], f"{got['stale']} frames are not the newest, or told wrongly"
+    assert not got["stale"], f"{got['stale']} frames are not the newest, or reported wrongly"
     assert not got["changed"], f"{got['changed']} times a frame went while it was held"
     assert got["granted"] >= given["least"], f"only {got['granted']} frames were read"
     assert got["broken"] == min(255, got["faults"]) or given["banks"] == 2

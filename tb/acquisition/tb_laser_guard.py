@@ -1,15 +1,16 @@
 import random
 
 import cocotb
-from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
+from cocotb.triggers import ClockCycles, ReadOnly, ReadWrite, RisingEdge
 
 from hdl.acquisition.laser_guard import LaserGuard as Block
-from model.acquisition.laser_guard import LaserGuard, worst_window
+from model.acquisition.laser_guard import CAUSES, LaserGuard, worst_window
 from tb.acquisition.laser_driver import LaserDriver
 from tb.harness import parameters, start_clock
 
 LIMITS = ("pulse", "repetition", "window", "window_on", "pause")
-PULSE, REPETITION, DUTY, NOT_ARMED, HEARTBEAT = (1 << n for n in range(5))
+PULSE, REPETITION, DUTY, NOT_ARMED, HEARTBEAT, UPSET = (1 << n for n in range(len(CAUSES)))
+CHECKED = ("token", "silence", "since", "length", "spent", "flags")
 
 
 class Guard:
@@ -80,6 +81,25 @@ class Guard:
                 self.count, self.beat = 0, (self.beat + 1) & 0xFF
             got = await self.step(heartbeat=self.beat, **inputs)
         return got
+
+    async def upset(self, name, bit, clear=0):
+        """A clock in which a bit of a register is another one, and the next, with nothing new."""
+        dut, register = self.dut, getattr(self.dut, name)
+        self.inputs["clear"] = clear
+        dut.clear.value = clear
+        await ReadWrite()
+        register.value = int(register.value) ^ 1 << bit
+        await ReadOnly()
+        assert int(dut.laser.value) <= self.model.laser
+        self._watch()
+        self.model.upset(clear)
+        await RisingEdge(dut.clk)
+        self.inputs["clear"] = dut.clear.value = 0
+        await ReadOnly()
+        got = tuple(int(port.value) for port in (dut.laser, dut.lit, dut.armed, dut.causes))
+        assert got == self.model.step(**self.inputs) and got[3] & UPSET
+        self._watch()  # for the closing edge
+        await RisingEdge(dut.clk)
 
     async def arm(self):
         """Two beats, then rest, so that nothing of before counts."""
@@ -154,6 +174,32 @@ async def noise(dut):
                              tables_valid=int(rng.random() < chance),
                              capture=int(rng.random() < 0.5), clear=int(rng.random() < 0.1))
     assert guard.lights
+    guard.check()
+
+
+@cocotb.test(timeout_time=100, timeout_unit="ms")
+async def upsets(dut):
+    """Each bit flips, in a pulse and after one: dark, reported, and light again after a window."""
+    rng = random.Random(f"upsets {parameters()['seed']}")
+    guard = Guard(dut)
+    await guard.start()
+    limits = guard.limits
+    bits = [(name, bit) for name in CHECKED for bit in range(len(getattr(dut, name)))]
+    bits += [(f"{name}_parity", 0) for name in CHECKED]
+    rng.shuffle(bits)
+    for name, bit in bits:
+        await guard.arm()
+        lights = len(guard.lights)
+        await guard.alive(rng.randint(2, limits["pulse"]), request=1)
+        assert len(guard.lights) == lights + 1
+        if rng.random() < 0.5:
+            await guard.alive(rng.randint(1, limits["repetition"]), request=0)
+            await guard.alive(rng.randint(1, 3), request=1)
+        await guard.upset(name, bit, clear=rng.randint(0, 1))
+        lights = len(guard.lights)
+        for _ in range(limits["window"] // 3):
+            got = await guard.alive(3, request=rng.randint(0, 1))
+            assert got[2] == 0 and got[3] & UPSET and len(guard.lights) == lights
     guard.check()
 
 

@@ -23,7 +23,7 @@ def play(request, clocks, seed, banks=3, least=1, memory=None, **settings):
     run(request, "frame_memory_rig", "tb.acquisition.tb_frame_memory",
         verilog={"frame_memory.v": to_verilog(memory, "frame_memory"), "frame_memory_rig.v": RIG},
         parameters={"clocks": clocks, "settings": settings, "least": least, "banks": banks},
-        build_args=["--timing", "--no-sched-zero-delay", "-CFLAGS", "-std=c++20"])
+        build_args=["--timing", "--no-sched-zero-delay"])
 
 
 @pytest.mark.parametrize("seed", [1, 2])

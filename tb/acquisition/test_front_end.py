@@ -5,7 +5,7 @@ from hdl.acquisition.front_end import FrontEnd
 from hdl.config import Config
 from tb.hdlsim import run
 
-SIZE = {"width": 20, "height": 16}
+SIZE = {"width": 24, "height": 22}
 
 
 @pytest.mark.parametrize("converter", [None, 4], ids=["frames", "addressed"])

@@ -6,29 +6,34 @@ import pytest
 from hdl.acquisition.laser_guard import LaserGuard
 from hdl.protocol import GUARD_CAUSES
 from model.acquisition import laser_guard as model
-from tb.acquisition.laser_driver import LaserDriver
+from scripts.paths import ROOT
+from scripts.rtl import size
+from scripts.rtl.verilog import verilog
+from tb.acquisition.laser_driver import HOLD_NS, LaserDriver, corner_hz
 from tb.hdlsim import run
 
-#: Pulse, repetition, window, light in a window, heartbeat; microseconds of one clock.
+#: Hertz; microseconds of pulse, repetition, window, light in a window, heartbeat.
 SETS = {
-    "like_the_default": (10, 100, 200, 10, 300),
-    "tight": (6, 7, 14, 8, 5),
-    "odd": (9, 21, 41, 13, 33),
-    "more_pulse_than_window": (20, 24, 30, 12, 70),
-    "window_is_repetition": (4, 16, 16, 6, 20),
+    "like_the_default": (1_000_000, 10, 100, 200, 10, 300),
+    "tight": (1_000_000, 6, 7, 14, 8, 5),
+    "odd": (1_000_000, 9, 21, 41, 13, 33),
+    "more_pulse_than_window": (1_000_000, 20, 24, 30, 12, 70),
+    "window_is_repetition": (1_000_000, 4, 16, 16, 6, 20),
+    # All bits of the counters set at their ceilings, and one clock beyond that.
+    "ones": (1_000_000, 7, 31, 31, 15, 62),
+    "ones_of_a_window_of_two": (1_000_000, 15, 32, 63, 15, 127),
+    "powers_of_two": (1_000_000, 8, 16, 32, 16, 64),
+    # Odd numbers of clocks of more than one a microsecond.
+    "odd_clocks": (3_000_000, 5, 11, 21, 7, 9),
 }
-
-
-def guard(limits, clock_hz=1_000_000):
-    return LaserGuard(clock_hz, *limits)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("limits", SETS.values(), ids=SETS)
 def test_laser_guard(request, limits, seed):
-    component = guard(limits)
+    component = LaserGuard(*limits)
     run(request, "laser_guard", "tb.acquisition.tb_laser_guard", component=component, parameters={
-        "seed": seed, "rounds": 30 if max(limits) > 100 else 300,
+        "seed": seed, "rounds": 30 if component.pause > 100 else 300,
         **{name: getattr(component, name)
            for name in ("pulse", "repetition", "window", "window_on", "pause")}})
 
@@ -96,6 +101,33 @@ def test_worst_window():
     assert model.worst_window([[0, 4], [8, 4]], 10) == 6
     assert model.worst_window([[0, 4], [8, 4], [16, 4]], 12) == 8
     assert model.worst_window([[0, 4], [3, 4]], 100) == 8
+
+
+def test_synthesis_keeps_every_register():
+    """What is there twice to find flipped bits looks superfluous."""
+    component = LaserGuard()
+    registers = {"token": 8, "silence": 20, "since": 20, "length": 14, "spent": 14, "flags": 7}
+    found = size.measure_verilog(verilog(component, "laser_guard"), "laser_guard")
+    assert found["ff"] == sum(registers.values()) + len(registers) + len(GUARD_CAUSES) + 1
+
+
+@pytest.mark.parametrize("slower", [1, 2, 3, 5, 100])
+def test_a_slow_clock_stretches_no_light_beyond_the_driver(slower):
+    """Each edge lights for two clocks of the full rate at most, so their number is a ceiling."""
+    driver, edges, hold = LaserDriver(2), 40, 2
+    light = sum(driver.step(edge % 2) for edge in range(1, edges + 1) for _ in range(slower))
+    light += sum(driver.step(edges % 2) for _ in range(hold))
+    assert light <= edges * hold
+    assert light == (edges * hold if slower >= hold else edges * slower + hold - slower)
+
+
+def test_requirement_on_the_driver():
+    """The numbers in the README are those of the ceilings."""
+    text = " ".join((ROOT / "README.md").read_text().split())
+    edges = LaserGuard().pulse
+    assert f"at most {HOLD_NS} ns after an edge" in text
+    assert f"{edges:,} edges" in text and f"{edges * HOLD_NS / 1e6:g} ms" in text
+    assert f"{corner_hz(3) / 1e6:.1f} MHz" in text
 
 
 @pytest.mark.parametrize("hold", [1, 2, 7])

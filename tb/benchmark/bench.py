@@ -1,7 +1,7 @@
-"""``make bench``: measures speed, accuracy, calibration, latency, noise, size, link and presets.
+"""``make bench``: speed, accuracy, calibration, lengths, latency, noise, size, link and presets.
 
-``python -m tb.benchmark.bench speed|accuracy|calibration|latency|noise|size|link|presets`` prints
-one part.
+``python -m tb.benchmark.bench PART`` prints one part: ``speed``, ``accuracy``, ``calibration``,
+``measure``, ``page``, ``latency``, ``noise``, ``size``, ``link`` or ``presets``.
 """
 
 import sys
@@ -17,6 +17,7 @@ __all__ = ["PARTS", "main"]
 
 _FRAMES = 40
 _SEEDS = range(1, 6)
+_PAGE_SECONDS = 60
 
 
 def _table(title, *columns):
@@ -115,6 +116,32 @@ def accuracy(console):
             _percent(np.mean(error > 0.05) if len(error) else np.nan, 2),
             _percent(depth.real / depth.spots if depth.spots else np.nan, 1), str(len(error)))
     console.print(table)
+    _centres(console)
+
+
+def _centres(console):
+    """Errors of the centres against the least that they can be."""
+    from rich.progress import track
+
+    from tb.benchmark.centre_bound import CASES, measure
+    table = _table("Centres on planes, rig endoscope, and their Cramer-Rao bound: px rms of a "
+                   "coordinate", "conditions", "error", "bound", "error / bound", "limit",
+                   "bound / plain's", "spots")
+    plain = None
+    for name, conditions in track(CASES.items(), "centres", console=Console(stderr=True),
+                                  transient=True):
+        centres = measure(conditions, _SEEDS)
+        plain = plain or centres.bound_px
+        table.add_row(
+            name, f"{centres.rms_px:.4f}", f"{centres.bound_px:.4f}",
+            f"{centres.rms_px / centres.bound_px:.2f}", "1.3" if name == "plain" else "",
+            f"{centres.bound_px / plain:.2f}", str(len(centres.error)))
+    table.caption = (
+        "With a gain of 4 spots have lost their tops: the last but one column says by how much "
+        "any estimate of their centres is worse. With speckle the bound is that of the best "
+        "linear estimate that knows the spot's shape.")
+    table.caption_justify = "left"
+    console.print(table)
 
 
 def _percent(share, digits=3):
@@ -198,8 +225,40 @@ def calibration(console):
     console.print(table)
 
 
+def measure(console):
+    """Lengths by the ruler, and sizes of polyps, against those of simulated scenes."""
+    from tb.benchmark import lengths
+    table = _table("Lengths on the measured surface, rigs calibrated from their captures", "mesh",
+                   "what", "of truth", "n", "relative accuracy", "within 68 %",
+                   ">= 10 mm called smaller", "refused")
+    for name, watch in lengths.watches():
+        rulers = lengths.rulers(watch, 10, 25)
+        single, mean, refused = lengths.polyps(watch, 111, 10)
+        for what, truth, found, left in (
+                ("ruler", "3-20 mm", rulers, ""), ("polyp, one frame", "3-15 mm", single, refused),
+                ("polyp, mean of 10 frames", "3-15 mm", mean, refused)):
+            table.add_row(name, what, truth, str(len(found.true)), _percent(found.accuracy, 1),
+                          _percent(found.held, 0), _percent(
+                              found.called_smaller if what != "ruler" else np.nan, 1), str(left))
+    console.print(table)
+
+
+def page(console):
+    """The page of `cyclope view` at 25 pairs a second, drawn without graphics hardware."""
+    from tb.benchmark.page import measure as pace
+    table = _table(f"The page in headless Chromium, {_PAGE_SECONDS} s each", "points",
+                   "frames/s offered", "drawn", "delay, median", "p95", "program, MB", "page, MB")
+    for side in (7, 19):
+        found = pace(side, _PAGE_SECONDS)
+        table.add_row(str(found.points), f"{found.offered:.1f}", f"{found.drawn:.1f}",
+                      f"{found.median_ms:.0f} ms", f"{found.p95_ms:.0f} ms",
+                      "{:.0f} to {:.0f}".format(*found.server_mb),
+                      "{:.0f} to {:.0f}".format(*found.page_mb))
+    console.print(table)
+
+
 PARTS = {part.__name__: part for part in (
-    speed, accuracy, calibration, latency, noise, size, link, presets)}
+    speed, accuracy, calibration, measure, page, latency, noise, size, link, presets)}
 
 
 def main(arguments=None):

@@ -13,11 +13,12 @@ PORTS = ("bank", "a_address", "b_address", "write_bank", "write_enable", "read_e
          "write_address", "write_data")
 
 
+ADDRESSES = [*range(2 * BEAMS), *range(1024, 1280)]
+
+
 def index(address, bank):
-    """Which word an address stands for: below 256 there are two."""
-    if address >= 256:
-        return address
-    return address % (128 if BEAMS <= 64 else 256), bank
+    """Which word an address stands for: below 1024 there are two."""
+    return address if address >= 1024 else (address, bank)
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
@@ -26,21 +27,24 @@ async def reads_what_was_written(dut):
     Bench(dut, inputs=(), outputs=(), plain=dict.fromkeys(PORTS, 0))
     dut.rst.value = 0
     rng = random.Random(SEED)
-    words = {index(address, bank): 0 for address in range(512) for bank in (0, 1)}
+    words = {index(address, bank): 0 for address in ADDRESSES for bank in (0, 1)}
     bank = 0
     due = [(None, None)] * TableMemory.latency
-    for clock in range(12000):
-        if clock < 1200:
-            bank = clock // 600
-            addresses, write, read = (clock % 512, 511 - clock % 512), False, False
+    count = len(ADDRESSES)
+    for clock in range(8 * count + 4000):
+        if clock < 2 * count:
+            bank = clock // count
+            addresses = ADDRESSES[clock % count], ADDRESSES[-1 - clock % count]
+            write = read = False
         else:
             bank ^= rng.random() < 0.05
-            addresses = rng.randrange(512), rng.randrange(512)
-            write = rng.random() < (0.9 if clock < 3600 else 0.2)
+            addresses = rng.choice(ADDRESSES), rng.choice(ADDRESSES)
+            write = rng.random() < (0.9 if clock < 6 * count else 0.2)
             read = not write and rng.random() < 0.3
         host_bank = bank ^ (rng.random() < 0.9)
-        address = (clock - 1200) % 512 if clock < 3600 else rng.choice(
-            [rng.randrange(512), addresses[0], addresses[1], addresses[1] ^ 1])
+        address = ADDRESSES[clock % count] if clock < 6 * count else rng.choice(
+            [rng.choice(ADDRESSES), addresses[0], addresses[1],
+             ADDRESSES[ADDRESSES.index(addresses[1]) ^ 1]])
         word = rng.getrandbits(36)
         dut.bank.value, dut.write_bank.value = bank, host_bank
         dut.a_address.value, dut.b_address.value = addresses

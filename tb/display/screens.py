@@ -77,7 +77,7 @@ def play(request, folder, images, lists, screens, pairs=True, stores=None, colou
                  "screen_rig.v": RIG.read_text()},
         parameters={"rig": {"screens": screens, "pairs": int(pairs), **rig},
                     "sram": sram},
-        build_args=["--timing", "--no-sched-zero-delay", "-CFLAGS", "-std=c++20 -O2", "-O3",
+        build_args=["--timing", "--no-sched-zero-delay", "-O3",
                     f"-GWIDTH={width}", f"-GHEIGHT={height}", f"-GIMAGES={count}",
                     f"-GLISTS={len(lists)}", f"-GLENGTH={LENGTH}",
                     f"-GCOLOUR={colour_bits}", *["-DSRAM"] * sram],

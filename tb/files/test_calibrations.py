@@ -63,7 +63,7 @@ FORGED = {
     "lens key": (put("lens", "k9", value=0), "lens has 'k9', which nobody knows"),
     "rows 0": (put("projector", "rows", value=0), "rows of projector must be an integer"),
     "rows 10^9": (put("projector", "rows", value=10**9), "rows of projector must be an integer"),
-    "12544 beams": (lambda c: c["projector"].update(rows=112, columns=112), "more than 128 beams"),
+    "12544 beams": (lambda c: c["projector"].update(rows=112, columns=112), "more than 512 beams"),
     "base of two": (put("projector", "base_mm", value=[5, 0]), "base_mm of projector must be a"),
     "base of text": (put("projector", "base_mm", value=["5", 0, 0]), "base_mm of projector must"),
     "base null": (put("projector", "base_mm", value=None), "base_mm of projector must be a list"),

@@ -55,7 +55,7 @@ VALUES = {
     "base nan": ("[5.0, 0.1, 0.1]", "[5.0, nan, 0.1]", "must be three numbers [x, y, z]"),
     "base huge": ("[5.0, 0.1, 0.1]", "[1e200, 0, 0]", "must be three numbers [x, y, z]"),
     "base nested": ("[5.0, 0.1, 0.1]", "[[5.0], 0, 0]", "must be three numbers [x, y, z]"),
-    "beams": ("rows = 7", "rows = 128", "128 x 7 beams are more than 128"),
+    "beams": ("rows = 7", "rows = 128", "128 x 7 beams are more than 512"),
     "board": ("board_columns = 9", "board_columns = 100000", "board_columns in [lens] must be"),
     "square": ("square_mm = 4.0", "square_mm = 0", "square_mm in [lens] must be a number of mm"),
     "key twice": ("rows = 7", "rows = 7\nrows = 6", "is not valid TOML"),

@@ -55,6 +55,6 @@ def test_points_of_other_statuses_are_passed_over(tmp_path):
     points = load_points(path)
     assert points["beam"].tolist() == [4, -1] and points["status"].tolist() == [0, 1]
     assert points["z"][0] == 80 and np.isnan(points["z"][1])
-    path.write_text(header + "3,4,1,2,900,1,2,80,ok,\n")
-    with pytest.raises(UserError, match="line 2: area_px must be a number of pixels, not '900'"):
+    path.write_text(header + "3,4,1,2,1900,1,2,80,ok,\n")
+    with pytest.raises(UserError, match="line 2: area_px must be a number of pixels, not '1900'"):
         load_points(path)

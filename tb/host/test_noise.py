@@ -14,7 +14,7 @@ from tb.system.played_instrument import PlayedInstrument
 @pytest.fixture(autouse=True)
 def soon(monkeypatch):
     """The fake answers at once."""
-    monkeypatch.setattr(Commands.__init__, "__defaults__", (0.2, 5, 3.0))
+    monkeypatch.setattr(Commands.__init__, "__defaults__", (0.1, 8, 3.0))
 
 
 def chip(rig, running=False):

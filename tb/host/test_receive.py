@@ -61,7 +61,7 @@ def test_load_run_receive_replay(each_terminal, rig, tmp_path, capsys):
     wanted = truth(terminal.instrument, numbers, calibration)
     got = [tuple(row.values()) for row in rows(out / "points.csv")
            if row["status"] in ("ok", "doubtful")]
-    assert len(got) > 100 and [row[:-1] for row in got] == wanted
+    assert len(got) > 100 and [row[:-3] for row in got] == wanted
     header = (out / "points.ply").read_text().split("end_header\n")
     assert f"element vertex {len(got)}" in header[0] and header[1].count("\n") == len(got)
     textures = sorted((out / "texture").iterdir())
@@ -187,7 +187,7 @@ def test_noise_is_counted_and_hurts_nothing(each_terminal, rig, tmp_path, capsys
     lost = sum(int(row["lost_packets"] or 0) for row in rows(out / "frames.csv"))
     assert lost > 5
     got = [tuple(row.values()) for row in rows(out / "points.csv")]
-    ok = [row[:-1] for row in got if row[-1] == "ok"]
+    ok = [row[:-3] for row in got if row[-3] == "ok"]
     sent = spots_sent(terminal.instrument, {int(row[0]) for row in ok}, rig[0])
     assert len(ok) > 50 and set(ok) <= sent
     assert run("receive", out / "link.raw", "--calibration", rig[1], "-o", tmp_path / "two") == 0

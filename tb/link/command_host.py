@@ -131,9 +131,9 @@ class Host:
             4, "little"))[0]
 
     def begin(self):
-        width, height, beams, version = self.model._sensor
-        return self.ask(Command.BEGIN, width.to_bytes(2, "little") + height.to_bytes(2, "little")
-                        + bytes([beams, version]))[0]
+        *sizes, version = self.model._sensor
+        return self.ask(Command.BEGIN, b"".join(size.to_bytes(2, "little") for size in sizes)
+                        + bytes([version]))[0]
 
     def load(self, number, words, first=0):
         """Words of a table, in as many packets as they take."""

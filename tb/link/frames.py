@@ -3,10 +3,11 @@
 import numpy as np
 
 from model.link.points import POINT, PatternFrame
+from model.preprocessing.area import area_code, coded_area
 
 __all__ = ["EXTREMES", "near_points", "pattern_frame", "random_points"]
 
-_BITS = {"beam": 7, "area": 8, "u": 18, "v": 18, "inverse_z": 18}
+_BITS = {"beam": 9, "area": 10, "saturated": 1, "border": 1, "u": 18, "v": 18, "inverse_z": 18}
 
 
 def random_points(rng, count, ok=0.8):
@@ -14,7 +15,16 @@ def random_points(rng, count, ok=0.8):
     points = np.zeros(count, POINT)
     for name, bits in _BITS.items():
         points[name] = rng.integers(0, 1 << bits, count)
-    points["status"] = np.where(rng.random(count) < ok, 0, rng.integers(1, 4, count))
+    points["area"] = coded_area(area_code(points["area"]))
+    return _with_status(points, np.where(rng.random(count) < ok, 0, rng.integers(1, 4, count)))
+
+
+def _with_status(points, status):
+    """The points with that status; only ok ones have beam and inverse depth."""
+    points["status"] = status
+    ok = points["status"] == 0
+    points["inverse_z"] = np.where(ok, np.maximum(points["inverse_z"], 1), 0)
+    points["beam"] *= ok
     return points
 
 
@@ -22,6 +32,8 @@ def near_points(rng, count, ok=1.0):
     """Points down an image as a mesh would give them: v grows by less than seven rows, mostly."""
     points = random_points(rng, count, ok)
     points["area"] = rng.integers(0, 70, count)
+    points["saturated"] &= rng.random(count) < 0.2
+    points["border"] &= rng.random(count) < 0.2
     points["v"] = np.cumsum(rng.integers(-600, 3700, count)).clip(0, (1 << 18) - 1)
     return points
 
@@ -44,7 +56,7 @@ def pattern_frame(rng, points, **fields):
 
 def _of_values(count, **values):
     points = np.zeros(count, POINT)
-    for name, value in values.items():
+    for name, value in {"inverse_z": 1, **values}.items():
         points[name] = value
     return points
 
@@ -69,12 +81,13 @@ def _steps(rng):
          261632, 0, 1, 262143, 261631, 261118, 262143, 261630, 131072, 0]
     points = random_points(rng, len(v), ok=1.0)
     points["v"], points["area"] = v, rng.integers(0, 66, len(v))
+    points["saturated"] = points["border"] = False
     return points
 
 
 def _extremes():
     rng = np.random.default_rng(2010)
-    ones = {name: (1 << bits) - 1 for name, bits in _BITS.items()}
+    ones = {name: (1 << bits) - 1 for name, bits in _BITS.items()} | {"area": 1020}
     none = {"rejected": 0, "dropped": 0}
     yield "no spot", pattern_frame(rng, _of_values(0), **none)
     yield "no spot, all zero", PatternFrame()
@@ -85,9 +98,8 @@ def _extremes():
     yield "rejected before", pattern_frame(rng, near_points(rng, 3), rejected=65000, dropped=0)
     yield "dropped", pattern_frame(rng, near_points(rng, 3), rejected=0, dropped=65000)
     for status in (1, 2, 3):
-        for count in (1, 9, 10, 11, 40):
-            points = random_points(rng, count)
-            points["status"] = status
+        for count in (1, 8, 9, 10, 40):
+            points = _with_status(random_points(rng, count), status)
             yield f"{count} of status {status}", pattern_frame(rng, points, **none)
     yield "long forms only", pattern_frame(rng, _of_values(60, **ones), **none)
     yield "short forms only", pattern_frame(rng, _of_values(60), **none)

@@ -17,7 +17,7 @@ PLAIN = ("ready", "flicker", "damage", "framing", "apply", "idle", "single_done"
          "sensor_silent", "guard_causes", "pairs", "timeouts", "bad_sync", "overrun", "skipped",
          "packets")
 CLOCKS_PER_MS = 1000
-SENSOR = bytes([64, 0, 48, 0, 3, 1])
+SENSOR = bytes([64, 0, 48, 0, 3, 0, 1])
 
 
 class Rig(Bench):
@@ -259,7 +259,7 @@ async def damage_gets_a_reply(dut):
     bench.o.stall = STALL
     replies = [(await bench.reply())[0] for _ in range(3)]
     assert replies == [damage, damage, bench.model.reply(content)]
-    # Octets that come while a reply waits are lost; the host is told.
+    # Octets that come while a reply waits are lost; that is reported to the host.
     bench.o.stall = 1.0
     await ClockCycles(dut.clk, 2)
     await bench.i.send(encode(content))

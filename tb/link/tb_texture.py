@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import cocotb
 import numpy as np
-from cocotb.triggers import ClockCycles, RisingEdge
+from cocotb.triggers import ClockCycles, FallingEdge, First, RisingEdge
 
 from hdl.link.texture import Texture as Block
 from hdl.payloads import FrameTag
 from model.link.texture import Texture, TextureFrame
-from tb.harness import Bench, parameters
+from tb.harness import Bench, is_high, parameters
 from tb.native_block import pack
 from tb.preprocessing.frames import BROKEN_GREY, grey_words
 
@@ -214,10 +214,12 @@ async def frames_and_packets_at_once(dut, gap, stall):
         passed.append(await bench.frame(broken=bool(bench.np_rng.random() < 0.2)))
         ended[passed[-1]] = bench.cycle
         await ClockCycles(dut.clk, 300 if not stall else int(bench.np_rng.integers(1, 400)))
-    idle = 0
-    while idle < 20:
-        await RisingEdge(dut.clk)
-        idle = 0 if dut.busy.value else idle + 1
+    busy = True
+    while busy:
+        if is_high(dut.busy):
+            await FallingEdge(dut.busy)
+        again, settled = RisingEdge(dut.busy), ClockCycles(dut.clk, 20)
+        busy = await First(again, settled) is again
 
     announced = []
     for _, content in sent:

@@ -12,7 +12,7 @@ from tb.hdlsim import run
 from tb.link.command_host import Host
 from tb.link.command_rig import CommandRig
 
-SENSOR = bytes([64, 0, 48, 0, 3, 1])
+SENSOR = bytes([64, 0, 48, 0, 3, 0, 1])
 NUMBERS = {table.name: table.number for table in tables("paper")}
 RECIPROCAL, RADIAL, BEAMS, REMAP = (
     NUMBERS[name] for name in ("reciprocal", "radial", "beams", "remap"))
@@ -51,8 +51,8 @@ def random_command(rng, host):
         data = bytes([rng.choice([*model.registers, rng.getrandbits(8)])])
     elif command == Command.BEGIN:
         data = bytearray(SENSOR)
-        if rng.random() < 0.2:
-            data[rng.randrange(6)] ^= 1 << rng.randrange(8)
+        if rng.random() < 0.4:
+            data[rng.randrange(len(SENSOR))] ^= 1 << rng.randrange(8)
     elif command == Command.TABLE:
         words = random_words(rng, table, rng.randint(1, 88 // table.octets))
         octets = b"".join(word.to_bytes(table.octets, "little") for word in words)
@@ -169,7 +169,7 @@ def test_every_refusal_changes_nothing(preset):
     for command in (0, 11, 0x81, 0xFF):
         refused(Reason.UNKNOWN_COMMAND, command)
     for command, length in [(Command.IDENTIFY, 0), (Command.WRITE, 5), (Command.READ, 1),
-                            (Command.BEGIN, 6), (Command.COMMIT, len(no_checks)),
+                            (Command.BEGIN, 7), (Command.COMMIT, len(no_checks)),
                             (Command.READ_TABLE, 4), (Command.STATUS, 0), (Command.CAPTURE, 2),
                             (Command.CLEAR, 0)]:
         for wrong in {length - 1, length + 1, 91} - {-1}:
@@ -200,7 +200,7 @@ def test_every_refusal_changes_nothing(preset):
     for number in (len(host.model.counts), 5, 8, 12, 128, 255):
         refused(Reason.UNKNOWN_TABLE, Command.TABLE, table(number, 0, bytes(9)))
         refused(Reason.UNKNOWN_TABLE, Command.READ_TABLE, table(number, 0, [1]))
-    for at in range(6):
+    for at in range(len(SENSOR)):
         for bit in range(8):
             other = bytearray(SENSOR)
             other[at] ^= 1 << bit
@@ -340,7 +340,7 @@ def test_is_small():
 @pytest.mark.parametrize("arguments,error", [
     ((15, 64, 4, 2), "Frame width must be an integer from 16 to 512, not 15"),
     ((64, 513, 4, 2), "Frame height must be an integer from 16 to 512, not 513"),
-    ((64, 64, 129, 2), "Beams must be an integer from 1 to 128, not 129"),
+    ((64, 64, 513, 2), "Beams must be an integer from 1 to 512, not 513"),
     ((64, 64, 4, 5), "Lanes must be an integer from 1 to 4, not 5"),
     ((64, 64, 4, 2, "foo"), "Preset must be one of capsule, paper, not 'foo'"),
     ((64, 64, 4, 2, "paper", 66_000_000),

@@ -28,7 +28,7 @@ def test_refresh_of_a_texture(frames):
         left = pair - octets - (12 + 1 + 4 + 3 + 3 + 1)  # one packet of the frame
         expected = rows / left * 0.040
         # At the end of what was captured rows are cut.
-        assert refresh_seconds(frame) == pytest.approx(expected, rel=0.03)
+        assert refresh_seconds(frame) == pytest.approx(expected, rel=0.05)
 
 
 def test_more_points_leave_less_for_texture():

@@ -24,7 +24,7 @@ def test_tables_are_fresh(capsys):
     assert capsys.readouterr().out == ""
 
 
-def test_stale_tables_are_told_and_written(monkeypatch, capsys, tmp_path):
+def test_stale_tables_are_named_and_written(monkeypatch, capsys, tmp_path):
     for name in tables.FILES:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text((ROOT / name).read_text())
@@ -49,8 +49,8 @@ def test_stale_columns_are_written():
         assert tables.updated(text.replace(right, wrong)) == text
     # They are those of the preset.
     assert tables.columns("stereo/epipolar", "capsule") == {
-        "Latency": "28", "Memory": "2 x 256 x 36"}
-    assert tables.columns("stereo/epipolar", "paper") == {"Latency": "4", "Memory": "50 x 256 x 36"}
+        "Latency": "28", "Memory": "2 x 128 x 36"}
+    assert tables.columns("stereo/epipolar", "paper") == {"Latency": "4", "Memory": "50 x 128 x 36"}
     assert tables.columns("acquisition/camera", "capsule")["Latency"] == "3 at most"
 
 
@@ -76,9 +76,9 @@ def test_every_table_is_shown():
     if isinstance(value, type) and issubclass(value, IntEnum) and value is not IntEnum],
     ids=lambda enumeration: enumeration.__name__)
 def test_every_member_has_a_meaning(enumeration):
-    told = tables.meanings(enumeration)
-    assert list(told) == list(enumeration.__members__)
-    assert all(told.values())
+    found = tables.meanings(enumeration)
+    assert list(found) == list(enumeration.__members__)
+    assert all(found.values())
 
 
 def test_the_example_is_what_the_chip_answers():

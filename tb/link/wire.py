@@ -38,29 +38,38 @@ def bits_of_check(points):
     value = 0xFFFF
     for point in points:
         if point["status"] == 0:
-            word = int(point["beam"]) | int(point["inverse_z"]) << 7
-            for place in range(25):
+            word = int(point["beam"]) | int(point["inverse_z"]) << 9
+            for place in range(27):
                 odd = (value ^ word >> place) & 1
                 value = value >> 1 ^ (0x8408 if odd else 0)
     return value ^ 0xFFFF
 
 
 def _record(point):
-    word, place = 0, 0
-    for name, bits in (("status", 2), ("beam", 7), ("area", 8), ("u", 18), ("v", 18),
+    word, place = int(point["status"]) | _code(int(point["area"])) << 9, 0
+    for name, bits in (("beam", 18), ("saturated", 1), ("border", 1), ("u", 18), ("v", 18),
                        ("inverse_z", 18)):
         word |= int(point[name]) << place
         place += bits
-    return word.to_bytes(9, "little")
+    return word.to_bytes(10, "little")
+
+
+def _code(area):
+    """Nine bits of an area."""
+    for least, step, first in ((512, 4, 384), (256, 2, 256)):
+        if area >= least:
+            return first + (area - least) // step
+    return area
 
 
 def _short(point, before):
     """Bits of a compact point and how many, `before` the v of the one before."""
     v, u, area = int(point["v"]), int(point["u"]), int(point["area"])
     step = v - before + 512
-    if 0 <= step < 1 << 12 and area < 64:
+    flags = int(point["saturated"]) | int(point["border"]) << 1
+    if 0 <= step < 1 << 12 and area < 64 and not flags:
         return 0 | step << 1 | u << 13 | area << 31, 37
-    return 1 | v << 1 | u << 19 | area << 37, 45
+    return 1 | v << 1 | u << 19 | _code(area) << 37 | flags << 46, 48
 
 
 def make_frame(points, number=0, *, rejected=0, dropped=0, **fields):
@@ -84,9 +93,11 @@ def random_points(rng, count, statuses=(0, 0, 0, 0, 1, 2, 3)):
             max(v + rng.randrange(-520, 4000), 0), (1 << 18) - 1)
         status = rng.choice(statuses)
         point["status"], point["u"], point["v"] = status, rng.getrandbits(18), v
-        point["area"] = rng.choice([rng.randrange(64), rng.randrange(256)])
+        point["area"] = rng.choice([rng.randrange(64), rng.randrange(256),
+                                    256 + 2 * rng.randrange(128), 512 + 4 * rng.randrange(128)])
+        point["saturated"], point["border"] = rng.random() < 0.1, rng.random() < 0.1
         if status == 0:
-            point["beam"], point["inverse_z"] = rng.getrandbits(7), rng.getrandbits(18)
+            point["beam"], point["inverse_z"] = rng.getrandbits(7), rng.randrange(1, 1 << 18)
     return points
 
 
@@ -114,7 +125,7 @@ class Wire:
     def frame(self, frame, full=False):
         """Packets of a pattern frame, in a list."""
         points = frame["points"]
-        listed = points if full else points[points["status"] != 0][:10]
+        listed = points if full else points[points["status"] != 0][:9]
         number = int(frame["number"])
         others = frame["noise"] + frame["ambiguous"] + frame["rejected"]
         unlisted = others - int(np.count_nonzero(listed["status"]))

@@ -15,7 +15,7 @@ from calibration.usable import usable_beams
 from model.capsule import Capsule
 from model.optics import render, scenes
 from model.optics.rigs import RIGS
-from scripts.results.locator import locate
+from scripts.results.locator import Locator
 
 __all__ = ["board_corners", "board_views", "depth_errors", "endoscope", "fitted", "fitted_lens",
            "lens_of", "observe"]
@@ -102,12 +102,13 @@ def depth_errors(rig, calibration, kinds, frames, seed, model=Capsule):
     """Relative depth errors of all ok points, and the share of beams found, by the golden model."""
     rng = np.random.default_rng([seed, 1])
     chip = model(calibration.settings, calibration.width, calibration.height)
+    locate = Locator(calibration, related=False)
     errors, found, expected = [], 0, 0
     for kind in kinds:
         for scene in scenes.sequence(kind, rig, frames, rng):
             image, truth = render.pattern_frame(rig, scene, rng)
             chip.frame(image)
-            points = locate(chip.frame(image).points, 0, calibration, image)
+            points = locate(chip.frame(image).points, 0, image)
             points = points[points["status"] == 0]
             errors.append(np.abs(points["z"] / truth["z_mm"][points["beam"]] - 1))
             inside = truth["beam"][truth["inside"]]

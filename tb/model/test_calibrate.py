@@ -99,7 +99,7 @@ def test_command_writes_calibration_and_picture(capture, tmp_path, capsys):
         assert word in text
     calibration = file.load(output)
     assert calibration.settings == replace(
-        calibration.settings, mean_window=9, fixed_noise=0, lit_gain=18, core_gain=40, dent_gain=4,
+        calibration.settings, mean_window=11, fixed_noise=0, lit_gain=18, core_gain=24, dent_gain=4,
         weighted=True)
     error, found = depth_errors(RIGS["endoscope"], calibration, ("plane",), 4, 23)
     assert error.mean() <= 0.0012 and found >= 0.97
@@ -110,12 +110,12 @@ def test_command_writes_calibration_and_picture(capture, tmp_path, capsys):
 def test_choices_go_into_the_file(capture, tmp_path):
     output = tmp_path / "calibration.json"
     assert cli.main(["calibrate", capture, "-o", output, "--no-picture", "--noise", "3",
-                     "--lit", "1.25", "--core", "2.25", "--dent", "0", "--window", "11",
+                     "--lit", "1.25", "--core", "2.25", "--dent", "0", "--window", "13",
                      "--centre", "binary", "--area-min", "4", "--area-max", "200",
                      "--depth-min", "45", "--depth-max", "100"]) == 0
     calibration = file.load(output)
     settings = calibration.settings
-    assert (settings.fixed_noise, settings.mean_window, settings.weighted) == (24, 11, False)
+    assert (settings.fixed_noise, settings.mean_window, settings.weighted) == (24, 13, False)
     assert (settings.lit_gain, settings.core_gain, settings.dent_gain) == (20, 36, 0)
     assert (settings.area_min, settings.area_max) == (4, 200)
     assert (calibration.z_min, calibration.z_max) == (45, 100)
@@ -153,11 +153,14 @@ def one_distance(path):
     (lambda c: None, ["--alpha", "5"], "--alpha is for the preset paper only"),
     (lambda c: None, ["--noise", "0"], "--noise must be 0.125 to 63.8 or 'adaptive', not '0'"),
     (lambda c: None, ["--core", "4"], "--core must be 0.0625 to 3.9, not 4"),
-    (lambda c: None, ["--window", "10"], "--window must be odd and 5 to 21, not 10"),
+    (lambda c: None, ["--window", "10"], "--window must be odd and 5 to 31, not 10"),
     (lambda c: None, ["--preset", "paper", "--threshold", "0"],
      "--threshold must be 1 to 255 or 'adaptive', not '0'"),
     (lambda c: None, ["--preset", "paper", "--alpha", "16"], "--alpha must be 0 to 15.9, not 16"),
-    (lambda c: None, ["--area-min", "0"], "--area-min must be 1 to 255, not 0"),
+    (lambda c: None, ["--dead", "1,2", "7,0"], "--dead must be ROW,COLUMN, counted from 0, of the "
+     "7 x 7 mesh, not '7,0'"),
+    (lambda c: None, ["--dead", "12"], "--dead must be ROW,COLUMN"),
+    (lambda c: None, ["--area-min", "0"], "--area-min must be 1 to 1023, not 0"),
     (lambda c: None, ["--area-min", "9", "--area-max", "8"], "--area-min must not be above"),
     (lambda c: None, ["--noise", "63", "--core", "3.9"],
      "No spots were found in 6 of the 6 plane frames"),
@@ -181,7 +184,8 @@ def one_distance(path):
      "pitch_deg in [projector] must"),
     (lambda c: replace_in(c / "capture.toml", "base_mm = [", "base_mm = [0, 1, 2] # "), [],
      "base_mm in [projector] must"),
-], ids=["preset", "lit", "of paper", "noise", "core", "window", "threshold", "alpha", "area",
+], ids=["preset", "lit", "of paper", "noise", "core", "window", "threshold", "alpha",
+        "dead", "dead number", "area",
         "areas", "dark", "depth", "mesh", "board", "planes", "size", "sensor", "turned",
         "one distance", "pitch", "base"])
 def test_command_refuses_in_one_sentence(capture, tmp_path, capsys, edit, options, message):
@@ -191,6 +195,21 @@ def test_command_refuses_in_one_sentence(capture, tmp_path, capsys, edit, option
     text = capsys.readouterr().err
     assert text.startswith("cyclope: ") and message in text and text.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["capture"]
+
+
+def test_dead_beams_are_those_of_option_and_capture(capture, tmp_path, capsys):
+    folder = changed(capture, tmp_path, lambda c: replace_in(
+        c / "capture.toml", "[lens]", "dead = [[6, 6], [0, 1]]\n\n[lens]"))
+    output = tmp_path / "out.json"
+    assert cli.main(["calibrate", folder, "-o", output, "--no-picture",
+                     "--dead", "0,0", "0,1", "--dead", "3,2"]) == 0
+    calibration = file.load(output)
+    assert calibration.left_out == (0, 1, 23, 48)
+    text = " ".join(capsys.readouterr().out.split())
+    assert "not used" not in text and "left out" not in text[text.index("Health:"):]
+    for beam, row, column in ((0, 0, 0), (1, 0, 1), (23, 3, 2), (48, 6, 6)):
+        assert (f"Beam {beam} (row {row}, column {column}): left out: known to be dead, but there "
+                "are spots where its own would be at 6 distances") in text
 
 
 def test_output_that_cannot_be_written_is_refused(capture, tmp_path, capsys):

@@ -10,11 +10,12 @@ from tb.model.truth import ALL, uv
 
 @ALL
 def test_rigs_keep_their_promises(rig):
-    documented = {"endoscope": 4.85, "demonstrator": 3.05, "small": 2.65}[rig.name]
+    """Lines of all beams are apart over the whole mesh; of the dense one where both can be."""
+    documented = {"endoscope": 4.85, "demonstrator": 3.05, "small": 2.65, "dense": 1.9}[rig.name]
     planes = rig.calibration_planes()
     assert len(planes) >= 8 and planes.min() < rig.range_mm[0] and planes.max() > rig.range_mm[1]
-    _, whole_mesh = line_separation(rig.camera, rig.projector, planes.min(), planes.max())
-    assert whole_mesh > documented
+    shared, whole_mesh = line_separation(rig.camera, rig.projector, planes.min(), planes.max())
+    assert (shared if rig.name == "dense" else whole_mesh) > documented
     for z in planes:
         truth, _, _ = spots.trace(rig, scenes.Plane(z))
         assert truth["visible"].all() and rig.camera.inside(uv(truth), rig.margin_px * 0.8).all()

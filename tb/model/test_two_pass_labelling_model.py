@@ -19,7 +19,7 @@ def check(lit, seed, labels, what):
     assert got.dtype == SPOT_DTYPE and dropped == missed, what
     assert got.tolist() == want, what
     if not dropped:
-        streamed = label(lit, core, np.zeros(lit.shape, np.uint8), False)
+        streamed = label(lit, core, 0 * lit, 0 * lit, False)
         assert sorted(streamed.tolist()) == sorted(want), what
     return dropped
 

@@ -13,7 +13,7 @@ from calibration.lines import Observations, fit_lines
 from calibration.projector import Projector
 from calibration.report import beam_remarks, beams_table, summary_table
 from calibration.spots import plane_spots
-from calibration.usable import drop_scattered, relative_areas, usable_beams
+from calibration.usable import drop_scattered, relative_areas, seen_dead, usable_beams
 from model.capsule import Capsule
 from model.errors import UserError
 from model.optics import rigs, scenes
@@ -54,6 +54,36 @@ def test_dead_beams_are_left_out_and_the_others_unchanged(dead):
     for z in (40, 60, 110):
         assert np.abs(lines.column_at(z) - whole.column_at(z)[lines.numbers]).max() < 0.01
     assert np.abs(lines.a - whole.a[lines.numbers]).max() < 1e-3
+
+
+@pytest.mark.parametrize("dead", [range(7), range(6, 49, 7), range(28), (0, 8, 20)],
+                         ids=["row 0", "column 6", "four rows", "single ones"])
+def test_beams_that_are_known_to_be_dead(dead):
+    """Not looked for, not counted, and the others unchanged; unnamed, a row is missing."""
+    planes, truth, nominal, lens = observe(RIGS["endoscope"], 31, missing=0)
+    whole = fit_lines(usable(planes, nominal, lens)[0].observations, lens)
+    planes = without(planes, truth, lambda beam, _: beam in dead)
+    if len(dead) > 3:
+        with pytest.raises(UserError):
+            usable(planes, nominal, lens)
+    identity = identify(planes, nominal, lens, dead=dead)
+    assert identity.matched > 0.99 and not identity.expected[list(dead)].any()
+    found = usable_beams(Observations.of(planes, identity, lens), nominal, identity.expected, dead)
+    assert found.left_out == dict.fromkeys(dead, "known to be dead")
+    assert seen_dead(found, planes, identity, lens).left_out == found.left_out
+    lines = fit_lines(found.observations, lens)
+    assert lines.numbers.tolist() == [beam for beam in range(49) if beam not in dead]
+    assert np.abs(lines.column_at(60) - whole.column_at(60)[lines.numbers]).max() < 0.02
+
+
+def test_a_beam_that_is_not_as_dead_as_it_was_said_to_be():
+    planes, _, nominal, lens = observe(RIGS["endoscope"], 31, missing=0)
+    identity = identify(planes, nominal, lens, dead=[17])
+    found = usable_beams(Observations.of(planes, identity, lens), nominal, identity.expected, [17])
+    found = seen_dead(found, planes, identity, lens)
+    assert list(found.left_out) == [17] and 17 not in found.observations.numbers
+    assert "known to be dead, but there are spots where its own would be at 10 distances" in (
+        found.left_out[17])
 
 
 def test_beams_out_of_the_picture_at_some_distances():

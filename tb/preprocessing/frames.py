@@ -29,9 +29,9 @@ def grey_words(image):
     return _words(GreyPixel, image, grey=image)
 
 
-def mask_words(lit, core, excess):
+def mask_words(lit, core, excess, saturated=0):
     """Words of a whole frame of mask pixels, or of several."""
-    return _words(MaskPixel, lit, lit=lit, core=core, excess=excess)
+    return _words(MaskPixel, lit, lit=lit, core=core, excess=excess, saturated=saturated)
 
 
 def spot_frames(fields):
@@ -57,7 +57,7 @@ def check_spots(got, wanted, what):
 
 
 def spot_tuples(words):
-    """[(core, area, weight, sum_u, sum_v) or "end" or "broken", ...] of spot words."""
+    """Tuples of the fields of SPOT_DTYPE, or "end" or "broken", of spot words."""
     parts = [[word >> 32 * part & 0xFFFFFFFF for part in range(3)] for word in words]
     fields = unpack(Spot, np.array(parts, dtype=np.uint32).reshape(-1, 3))
     return [("broken" if spot["broken"] else "end") if spot["end"]

@@ -80,7 +80,7 @@ def directed(height, width):
                          }.items():
         masks[f"one pixel, {name} corner"] = masks["empty"].copy()
         masks[f"one pixel, {name} corner"][corner] = True
-    for area in 255, 256, 257:
+    for area in 255, 256, 1023, 1024, 1025:
         masks[f"area {area}"] = masks["empty"].copy()
         masks[f"area {area}"].ravel()[width * 3:width * 3 + area] = True
     return masks

@@ -26,6 +26,7 @@ class SumsCommand(data.Struct):
     label: 15
     root: 15
     core: 1
+    border: 1
     last: 1
     column: 9
     row: 9
@@ -60,7 +61,7 @@ class SumsRig(wiring.Component):
             sums.used.eq(used),
             sums.empty_label.eq(command.label),
             *(getattr(sums.i.p, name).eq(getattr(command, name))
-              for name in ("label", "core", "last", "column", "row")),
+              for name in ("label", "core", "border", "last", "column", "row")),
         ]
         with m.If(takes), m.Switch(command.kind):
             with m.Case(Kind.LABEL):

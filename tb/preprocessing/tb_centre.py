@@ -21,8 +21,8 @@ END = None
 def word(spot):
     if spot is END:
         return 1
-    rejected, area, weight, sum_u, sum_v = spot
-    return rejected << 1 | area << 2 | weight << 10 | sum_u << 26 | sum_v << 51
+    rejected, area, weight, sum_u, sum_v = spot  # the area's code and the two flags above it
+    return rejected << 1 | area << 2 | weight << 13 | sum_u << 31 | sum_v << 58
 
 
 def expected(spots):
@@ -34,20 +34,21 @@ def expected(spots):
             words.append(1)
         else:
             u, v = next(answers)
-            words.append(spot[0] << 1 | spot[1] << 2 | u << 10 | v << 28)
+            words.append(spot[0] << 1 | spot[1] << 2 | u << 13 | v << 31)
     return words
 
 
 def random_spot(rng, weight=None):
     weight = weight or rng.choice([
-        rng.randint(1, 255), rng.randint(1, 65280), 1 << rng.randint(0, 15)])
-    return (rng.randint(0, 1), rng.randint(1, 255), weight,
+        rng.randint(1, 255), rng.randint(1, 261888), 1 << rng.randint(0, 17)])
+    return (rng.randint(0, 1), rng.randrange(1 << 11), weight,
             rng.randint(0, 511 * weight), rng.randint(0, 511 * weight))
 
 
 def directed_spots():
     spots = [END, END]
-    for weight in (1, 2, 3, 127, 128, 255, 256, 32767, 32768, 32769, 65279, 65280):
+    for weight in (1, 2, 3, 127, 128, 255, 256, 32767, 32768, 32769, 65279, 65280, 131071, 131073,
+                   261887, 261888):
         for u, v in ((0, 511), (511, 0), (256, 255)):
             spots.append((0, 255, weight, u * weight, v * weight))
         spots.append((1, 1, weight, 511 * weight - 1, weight // 2))
@@ -93,11 +94,11 @@ async def takes_its_time(dut):
     bench = Rig(dut)
     await bench.reset()
     rng = random.Random(SEED)
-    spots = [END] + [random_spot(rng, weight) for bits in range(1, 17)
-                     for weight in (1 << (bits - 1), min((1 << bits) - 1, 65280))]
+    spots = [END] + [random_spot(rng, weight) for bits in range(1, 19)
+                     for weight in (1 << (bits - 1), min((1 << bits) - 1, 261888))]
     await bench.i.send([word(spot) for spot in [*spots, END]])
     await ClockCycles(dut.clk, 5)
-    periods = [4] + [20 - spot[2].bit_length() for spot in spots[1:]]
+    periods = [4] + [22 - spot[2].bit_length() for spot in spots[1:]]
     assert np.diff(bench.i.taken).tolist() == [*periods[1:], 4]
     assert [clock - taken for (clock, _), taken in zip(
         bench.o.words, bench.i.taken, strict=True)] == [1] * (len(spots) + 1)
@@ -112,7 +113,7 @@ async def reset_forgets(dut):
     bench = Rig(dut)
     await bench.reset()
     rng = random.Random(SEED)
-    for clocks in range(1, 24):
+    for clocks in range(1, 26):
         dut.i_payload.value = word(random_spot(rng))
         dut.i_valid.value = 1
         await ClockCycles(dut.clk, clocks)

@@ -18,15 +18,17 @@ WIDTH, HEIGHT = P["width"], P["height"]
 BROKEN = int(BROKEN_MASK[0, 0])
 
 
-def words_of(lit, core, excess):
-    return mask_words(lit, core, excess)[:, 0].tolist()
+def words_of(lit, core, excess, saturated):
+    return mask_words(lit, core, excess, saturated)[:, 0].tolist()
 
 
 def random_frame(rng, weighted):
     lit = rng.random((HEIGHT, WIDTH)) < rng.uniform(0.1, 0.8)
     core = lit & (rng.random(lit.shape) < 0.2)
     excess = np.where(lit, rng.integers(0, 256, lit.shape), 0).astype(np.uint8)
-    return words_of(lit, core, excess), components(lit, core, excess, weighted)
+    saturated = lit & (rng.random(lit.shape) < 0.1)
+    pixels = lit, core, excess, saturated
+    return words_of(*pixels), components(*pixels, weighted)
 
 
 async def bench_of(dut, weighted, gap=None, stall=None):
@@ -93,7 +95,7 @@ async def waits_with_the_pixels(dut):
     lit = np.zeros((HEIGHT, WIDTH), bool)
     lit[::2, ::2] = True
     excess = np.where(lit, np.arange(lit.size).reshape(lit.shape), 0).astype(np.uint8)
-    words, spots = words_of(lit, lit, excess), components(lit, lit, excess, True)
+    words, spots = words_of(lit, lit, excess, lit), components(lit, lit, excess, lit, True)
     sending = cocotb.start_soon(bench.i.send(words))
     await ClockCycles(dut.clk, 3 * WIDTH * HEIGHT)
     assert dut.o_valid.value == 1 and dut.i_ready.value == 0 and not sending.done()

@@ -8,33 +8,37 @@ import numpy as np
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
 from hdl.preprocessing.spot_queue import SpotQueue
+from model.preprocessing.area import area_code
+from model.preprocessing.labelling import SPOT_DTYPE
 from model.preprocessing.spot_queue import filter_spots
 from tb.harness import Bench, parameters
 
 SEED, DEPTH = parameters()["seed"], parameters()["depth"]
-SPOT = np.dtype([
-    ("core", "?"), ("area", "i4"), ("weight", "i4"), ("sum_u", "i4"), ("sum_v", "i4")])
 END = 1
 REPORT = SimpleNamespace(area_min=3, area_max=40, report_rejected=True)
 
 
 def spot(rng, area=None, core=None):
-    area = rng.choice([1, 2, 3, 4, 30, 40, 41, 254, 255, 256]) if area is None else area
-    weight = 0 if area == 256 else rng.randint(area, 256 * area)
-    return (rng.random() < 0.8 if core is None else core, area, weight,
+    if area is None:
+        area = rng.choice([1, 2, 3, 4, 30, 40, 41, 255, 256, 257, 511, 512, 1023, 1024])
+    weight = 0 if area == 1024 else rng.randint(area, 256 * area)
+    return (rng.random() < 0.8 if core is None else core, rng.random() < 0.5, rng.random() < 0.5,
+            area, weight,
             rng.randint(0, 511 * weight), rng.randint(0, 511 * weight))
 
 
 def word(spot):
-    core, area, weight, sum_u, sum_v = spot
-    return int(core) << 2 | area << 3 | weight << 12 | sum_u << 28 | sum_v << 53
+    core, saturated, border, area, weight, sum_u, sum_v = spot
+    return (int(core) << 2 | saturated << 3 | border << 4 | area << 5 | weight << 16
+            | sum_u << 34 | sum_v << 61)
 
 
 def kept(spots, settings):
     """Words that a queue that is never full would send of a frame, and its counts."""
-    queued, counts = filter_spots(np.array(spots, SPOT), settings)
-    return [int(s["rejected"]) << 1 | int(s["area"]) << 2 | int(s["weight"]) << 10
-            | int(s["sum_u"]) << 26 | int(s["sum_v"]) << 51 for s in queued], counts
+    queued, counts = filter_spots(np.array(spots, SPOT_DTYPE), settings)
+    return [int(s["rejected"]) << 1 | int(area_code(s["area"])) << 2 | int(s["saturated"]) << 11
+            | int(s["border"]) << 12 | int(s["weight"]) << 13 | int(s["sum_u"]) << 31
+            | int(s["sum_v"]) << 58 for s in queued], counts
 
 
 def counts_word(counts, dropped=0, broken=0):
@@ -83,11 +87,12 @@ async def frames_that_fit(dut, gap, stall, report_rejected):
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 async def area_limits(dut):
     """Every area, with and without core, on both sides of both limits."""
-    for area_min, area_max in [(1, 255), (3, 40), (255, 255), (200, 100)]:
+    for area_min, area_max in [(1, 1023), (3, 40), (300, 700), (200, 100)]:
         bench = Rig(dut, gap=0.6, area_min=area_min, area_max=area_max)
         await bench.reset()
-        areas = sorted({1, 2, 254, 255, 256, *(limit + step for limit in (area_min, area_max)
-                                               for step in (-1, 0, 1) if 0 < limit + step < 256)})
+        areas = sorted({1, 2, 255, 256, 511, 512, 1023, 1024, *(
+            limit + step for limit in (area_min, area_max) for step in (-1, 0, 1)
+            if 0 < limit + step < 1024)})
         await bench.exact([spot(bench.random, area, core) for area in areas for core in (0, 1)])
         await bench.reset(1)
 

@@ -44,11 +44,13 @@ def test_centre(request, seed):
 def test_every_weight(stall, seed):
     """All weights, with sums from 0 to the largest, end markers in between."""
     rng = np.random.default_rng(seed)
-    weight = np.concatenate([np.arange(1, 65281), rng.integers(1, 256, 20_000)])
+    weight = np.concatenate([np.arange(1, 65281), rng.integers(1, 256, 20_000),
+                             rng.integers(65281, 261889, 40_000), [261888]])
     count = len(weight)
     spots = {
         "end": rng.random(count) < 0.02, "rejected": rng.random(count) < 0.3,
-        "area": rng.integers(1, 256, count), "weight": weight,
+        "area": rng.integers(1, 512, count), "saturated": rng.random(count) < 0.5,
+        "border": rng.random(count) < 0.5, "weight": weight,
         "sum_u": np.floor(weight * 511 * rng.random(count)).astype(int),
         "sum_v": weight * 511 - rng.integers(0, 20, count).clip(max=weight)}
     u, v = centres(spots, reciprocal_table())
@@ -59,5 +61,6 @@ def test_every_weight(stall, seed):
     block.reset()
     got = block.stream(pack(QueuedSpot, **spots), stall=stall, seed=seed, idle=1000).fields(Centre)
     for name, want in [("end", spots["end"]), ("rejected", spots["rejected"]),
-                       ("area", spots["area"]), ("u", u), ("v", v)]:
+                       ("area", spots["area"]), ("saturated", spots["saturated"]),
+                       ("border", spots["border"]), ("u", u), ("v", v)]:
         np.testing.assert_array_equal(got[name], np.where(spots["end"] & (name != "end"), 0, want))

@@ -47,10 +47,11 @@ def frame_words(image, core, root):
     v, u = np.indices(image.shape)
     last = np.arange(image.size) == image.size - 1
     labels = np.arange(len(root))
+    border = (u == 0) | (u == u.max()) | (v == 0) | (v == v.max())
     return np.concatenate([
         pack(SumsCommand, kind=np.full(len(root), Kind.LABEL.value), label=labels, root=root),
         pack(SumsCommand, kind=np.full(image.size, Kind.PIXEL.value), label=image.ravel(),
-             core=core.ravel(), last=last, column=u.ravel(), row=v.ravel())])
+             core=core.ravel(), border=border.ravel(), last=last, column=u.ravel(), row=v.ravel())])
 
 
 CANCEL = pack(SumsCommand, kind=Kind.CANCEL.value)

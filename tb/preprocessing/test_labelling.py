@@ -33,11 +33,11 @@ def started(size, weighted=True):
 
 
 def greys(lit, seed):
-    """Core and excess for masks of shape (frames, height, width)."""
+    """Core, excess and saturated for masks of shape (frames, height, width)."""
     rng = np.random.default_rng(seed)
     core = lit & (rng.random(lit.shape) < 0.05)
     excess = np.where(lit, rng.choice([0, 255, *rng.integers(0, 256, 14)], lit.shape), 0)
-    return core, excess.astype(np.uint8)
+    return core, excess.astype(np.uint8), lit & (rng.random(lit.shape) < 0.02)
 
 
 def ending_pixels(last, width):
@@ -48,8 +48,8 @@ def ending_pixels(last, width):
 def check(size, masks, names, seed, gap=0.0, stall=0.0, weighted=True, oracle=False):
     """Frames back to back through the block; every one must be the model's. Returns the beats."""
     lit = np.asarray(masks)
-    core, excess = greys(lit, seed)
-    words = mask_words(lit, core, excess)
+    parts = lit, *greys(lit, seed)
+    words = mask_words(*parts)
     out = started(size, weighted).stream(
         words.reshape(-1, words.shape[2]), gap, stall, seed,
         idle=int((3 * size[1] + 40) / (1 - stall)))
@@ -58,9 +58,9 @@ def check(size, masks, names, seed, gap=0.0, stall=0.0, weighted=True, oracle=Fa
     for index, (spots, broken) in enumerate(frames):
         what = f"seed {seed}, frame {index} ({names[index]})"
         assert not broken, what
-        check_spots(spots, label(lit[index], core[index], excess[index], weighted), what)
+        check_spots(spots, label(*(part[index] for part in parts), weighted), what)
         if oracle:
-            want = components(lit[index], core[index], excess[index], weighted)
+            want = components(*(part[index] for part in parts), weighted)
             check_spots(spots, np.array(want, SPOT_DTYPE), f"{what} against OpenCV")
     return out, lit
 
@@ -114,8 +114,10 @@ def test_every_4x4_bitmap_alone():
             bitmap.view(np.uint8), connectivity=8)
         areas = stats[1:, cv2.CC_STAT_AREA]
         sums = np.rint(centres[1:] * areas[:, None]).astype(int)
-        want = sorted(zip(areas.tolist(), *sums.T.tolist(), strict=True))
-        got = sorted(zip(*(spots[name].tolist() for name in ("area", "sum_u", "sum_v")),
+        begin, size = stats[1:, :2], stats[1:, 2:4]
+        border = ((begin == 0) | (begin + size == 4)).any(axis=1)
+        want = sorted(zip(border.tolist(), areas.tolist(), *sums.T.tolist(), strict=True))
+        got = sorted(zip(*(spots[name].tolist() for name in ("border", "area", "sum_u", "sum_v")),
                          strict=True))
         assert got == want, f"{bitmap.astype(int)}: {got}, not {want}"
     assert np.all(np.diff(out.taken) == 1)
@@ -185,18 +187,18 @@ def test_next_frame_pauses_in_its_first_row(seed):
     height, width = SMALL
     count = 12
     lit = rng.random((count, height, width)) < rng.uniform(0.1, 0.9, (count, 1, 1))
-    core, excess = greys(lit, seed)
+    parts = lit, *greys(lit, seed)
     pauses = np.zeros((count, height * width), int)
     for frame in pauses:
         places = rng.integers(0, width + 2, rng.integers(1, 20))
         frame[places] = rng.integers(1, rng.choice([3, 8, 70]), len(places))
-    words = mask_words(lit, core, excess)
+    words = mask_words(*parts)
     out = started(SMALL).stream(words.reshape(-1, words.shape[2]), pauses=pauses.ravel(),
                                 stall=0.5 * (seed % 2), seed=seed, idle=600)
     frames = spot_frames(out.fields(Spot))
     assert len(frames) == count
     for index, (spots, _) in enumerate(frames):
-        check_spots(spots, label(lit[index], core[index], excess[index], True),
+        check_spots(spots, label(*(part[index] for part in parts), True),
                     f"seed {seed}, frame {index}")
 
 
@@ -209,8 +211,8 @@ def test_broken_frames(size, gap, stall, seed):
     height, width = size
     count, pixels = (90, height * width) if size == SMALL else (4000, height * width)
     lit = rng.random((count, *size)) < rng.uniform(0.05, 0.95, (count, 1, 1))
-    core, excess = greys(lit, seed)
-    words = mask_words(lit, core, excess)
+    parts = lit, *greys(lit, seed)
+    words = mask_words(*parts)
     # Half of the frames break: at once, in the first row, anywhere, or on the very last pixel.
     cuts = np.select([rng.random(count) < p for p in (0.5, 0.2, 0.4, 0.4, 0.5)], [
         np.full(count, -1), np.zeros(count, int), rng.integers(0, width + 3, count),
@@ -224,7 +226,7 @@ def test_broken_frames(size, gap, stall, seed):
     for index, ((spots, broken), cut) in enumerate(zip(frames, cuts, strict=True)):
         what = f"seed {seed}, frame {index}, cut {cut}"
         assert broken == (cut >= 0), what
-        want = label(lit[index], core[index], excess[index], True)
+        want = label(*(part[index] for part in parts), True)
         if broken:
             want = want[ending_pixels(last_pixels(lit[index]), width) < cut]
         check_spots(spots, want, what)
@@ -244,8 +246,8 @@ def test_reset_forgets():
     rng = np.random.default_rng(10)
     dut = started(SMALL)
     lit = rng.random((30, *SMALL)) < 0.4
-    core, excess = greys(lit, 10)
-    words = mask_words(lit, core, excess)
+    parts = lit, *greys(lit, 10)
+    words = mask_words(*parts)
     for index, frame in enumerate(words):
         cut = int(rng.integers(1, len(frame)))
         stopped = np.concatenate([words[index - 1], frame[:20]]) if index % 2 else frame[:cut]
@@ -253,7 +255,7 @@ def test_reset_forgets():
         dut.reset(1)
         (spots, broken), = spot_frames(dut.stream(frame, idle=80).fields(Spot))
         assert not broken
-        check_spots(spots, label(lit[index], core[index], excess[index], True), f"frame {index}")
+        check_spots(spots, label(*(part[index] for part in parts), True), f"frame {index}")
 
 
 @pytest.mark.parametrize("width", [0, 1, 513, 3.5, "foo"])

@@ -46,7 +46,7 @@ def test_counters_saturate(seed):
 def test_model_screens():
     """The model against its rules, spot by spot."""
     spots = np.zeros(6, SPOT_DTYPE)
-    spots["area"] = [2, 3, 9, 10, 256, 5]
+    spots["area"] = [2, 3, 9, 10, 1024, 5]
     spots["core"] = [1, 1, 1, 1, 1, 0]
     spots["weight"] = [7, 8, 9, 10, 0, 11]
     settings = SimpleNamespace(area_min=3, area_max=9, report_rejected=False)

@@ -12,6 +12,7 @@ from calibration.reciprocal import reciprocal_table
 from hdl.payloads import Centre, MaskPixel
 from hdl.preprocessing.centre import Centring
 from hdl.preprocessing.spot_queue import SpotQueue
+from model.preprocessing.area import area_code
 from model.preprocessing.centre import centres
 from model.preprocessing.spot_queue import filter_spots
 from model.preprocessing.two_pass_labelling import label_in_two_passes
@@ -23,7 +24,7 @@ from tb.preprocessing.two_pass_rig import TwoPassRig
 
 SIZE, LABELS = (64, 64), 2047
 #: Clocks that a spot takes at most in the centring block.
-INTERVAL = 19
+INTERVAL = 21
 
 
 class Centres(wiring.Component):
@@ -33,7 +34,7 @@ class Centres(wiring.Component):
         self.interval = interval
         super().__init__({
             "i": In(stream.Signature(MaskPixel)), "o": Out(stream.Signature(Centre)),
-            "area_min": In(8), "area_max": In(8), "report_rejected": In(1),
+            "area_min": In(10), "area_max": In(10), "report_rejected": In(1),
             "spots": Out(32), "rejected": Out(32), "dropped": Out(32),
         })
 
@@ -85,8 +86,8 @@ def test_centres(interval, report_rejected):
         spots, dropped = label_in_two_passes(mask, cores, LABELS)
         queued, counts = filter_spots(spots, settings)
         u, v = centres(queued, reciprocal_table())
-        want = list(zip(queued["rejected"].tolist(), queued["area"].tolist(), u.tolist(),
-                        v.tolist(), strict=True))
+        want = list(zip(queued["rejected"].tolist(), area_code(queued["area"]).tolist(),
+                        u.tolist(), v.tolist(), strict=True))
         have = [(bool(spot["rejected"]), spot["area"], spot["u"], spot["v"])
                 for spot in found[:-1]]
         assert dropped == 0
@@ -111,7 +112,7 @@ def test_centre_of_a_spot_in_pixels():
     lit = np.array([np.hypot(u - x, v - y) < r for x, y, r in [
         (10.3, 20.8, 2.4), (33.5, 31.5, 4.0), (60.1, 3.7, 3.3), (31.0, 50.0, 8.9)]])
     dut = NativeBlock(Centres(INTERVAL))
-    dut.set(area_min=1, area_max=255, report_rejected=0)
+    dut.set(area_min=1, area_max=1023, report_rejected=0)
     dut.reset()
     got = dut.stream(mask_words(lit, lit, 0 * lit).reshape(-1, 1), idle=20_000).fields(Centre)
     got = got[got["end"] == 0]

@@ -42,7 +42,7 @@ def pack(match):
     if match == END:
         return END
     x, beam, status, area, u, v = match
-    return status << 1 | beam << 3 | area << 10 | u << 18 | v << 36 | (x & 0x3FFFF) << 54
+    return status << 1 | beam << 3 | area << 12 | u << 23 | v << 41 | (x & 0x3FFFF) << 59
 
 
 def expected(match, table):
@@ -50,18 +50,18 @@ def expected(match, table):
         return END
     x, beam, status, area, u, v = match
     status, beam, inverse_z = (int(value[0]) for value in inverse_depth(x, beam, status, table))
-    return status << 1 | beam << 3 | area << 10 | u << 18 | v << 36 | inverse_z << 54
+    return status << 1 | beam << 3 | area << 12 | u << 23 | v << 41 | inverse_z << 59
 
 
 def random_match(rng, beam=None, status=0):
-    return (rng.randint(-X_LIMIT, X_LIMIT - 1), rng.randrange(128) if beam is None else beam,
-            status, rng.randint(1, 255), rng.getrandbits(18), rng.getrandbits(18))
+    return (rng.randint(-X_LIMIT, X_LIMIT - 1), rng.randrange(512) if beam is None else beam,
+            status, rng.getrandbits(11), rng.getrandbits(18), rng.getrandbits(18))
 
 
 def usual_table(rng):
     """Alpha and beta that give inverse depths in range, and some that do not."""
-    alpha = [rng.randint(-5000, 5000) for _ in range(128)]
-    beta = [rng.randint(0, 1 << 30) for _ in range(128)]
+    alpha = [rng.randint(-5000, 5000) for _ in range(512)]
+    beta = [rng.randint(0, 1 << 30) for _ in range(512)]
     return pack_depth(alpha, beta)
 
 
@@ -86,7 +86,7 @@ async def limits_of_the_range(dut):
     values = [0, 1, 2, (1 << 18) - 2, (1 << 18) - 1, 1 << 18, (1 << 18) + 1, -1]
     beta = [(value << 12) + step for value in values for step in steps]
     beta += [1 << 12 << bit for bit in range(23)]
-    bench = Rig(dut, pack_depth([0] * 128, beta + [0] * (128 - len(beta))))
+    bench = Rig(dut, pack_depth([0] * 512, beta + [0] * (512 - len(beta))))
     await bench.reset()
     matches = [(77, beam, 0, 1, 2, 3) for beam in range(len(beta))]
     await bench.compare(matches)
@@ -102,21 +102,21 @@ async def largest_values(dut):
     pairs = [(a, b) for a in alpha for b in beta]
     # Sums that are in range although both terms are not.
     pairs += [(-ALPHA_LIMIT, -(1 << 34) + (7 << 12)), (ALPHA_LIMIT - 1, (1 << 34) - (1 << 17))]
-    table = [(0, 0)] * 128
+    table = [(0, 0)] * 512
     table[:len(pairs)] = pairs
     bench = Rig(dut, pack_depth(*zip(*table, strict=True)))
     await bench.reset()
     matches = [(x, beam, 0, 255, 0x3FFFF, 0) for beam in range(len(pairs))
                for x in (-X_LIMIT, -1, 0, 1, X_LIMIT - 1)]
     await bench.compare(matches)
-    assert any(expected(match, bench.table) >> 54 for match in matches[-10:])
+    assert any(expected(match, bench.table) >> 59 for match in matches[-10:])
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(value=[0, 5 << 12, BETA_LIMIT - 1, -BETA_LIMIT])
 async def other_statuses_pass(dut, value):
     """Noise, ambiguous and rejected spots, and end markers, whatever the table says."""
-    bench = Rig(dut, pack_depth([0] * 128, [value] * 128))
+    bench = Rig(dut, pack_depth([0] * 512, [value] * 512))
     await bench.reset()
     rng = random.Random(3)
     matches = [END]
@@ -150,7 +150,7 @@ async def a_point_waits(dut):
     wanted = expected(match, bench.table)
     sending = cocotb.start_soon(bench.i.send([pack(match)]))
     await ClockCycles(dut.clk, LATENCY + 2)
-    bench.table = [0] * 256
+    bench.table = [0] * 1024
     await ClockCycles(dut.clk, 20)
     assert dut.o_valid.value
     bench.o.stall = 0.0

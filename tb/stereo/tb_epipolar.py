@@ -16,9 +16,9 @@ END = 1
 
 
 def undistorted(x, y, u=0, v=0, area=1, rejected=0):
-    """Payload word of an undistorted spot."""
-    return (rejected << 1 | area << 2 | u << 10 | v << 28 | (x & 0x3FFFF) << 46
-            | (y & 0x3FFFF) << 64)
+    """Payload word of an undistorted spot; ``area`` is the code and the two flags above it."""
+    return (rejected << 1 | area << 2 | u << 13 | v << 31 | (x & 0x3FFFF) << 49
+            | (y & 0x3FFFF) << 67)
 
 
 def expected(spots, line, window):
@@ -34,8 +34,8 @@ def expected(spots, line, window):
             words.append(END)
             continue
         status, beam, (x, _, u, v, area, _) = next(answers)
-        words.append(int(status) << 1 | int(beam) << 3 | area << 10 | u << 18 | v << 36
-                     | (x & 0x3FFFF) << 54)
+        words.append(int(status) << 1 | int(beam) << 3 | area << 12 | u << 23 | v << 41
+                     | (x & 0x3FFFF) << 59)
     return words
 
 
@@ -50,7 +50,8 @@ async def load(bench, line, window, bank=0):
     dut = bench.dut
     dut.write_bank.value = bank
     full = [(beam, int(line[beam]), int(window[beam])) for beam in range(BEAMS)]
-    full += [(beam, 0, (1 << 9) - 1 | 0x1000 << 9 | 0xFFF << 22) for beam in range(BEAMS, 128)]
+    full += [(beam, 0, (1 << 9) - 1 | 0x1000 << 9 | 0xFFF << 22)
+             for beam in range(BEAMS, 1 << (BEAMS - 1).bit_length())]
     for address, first, second in full:
         dut.write_enable.value = 1
         dut.write_address.value = address

@@ -22,8 +22,8 @@ PLAIN = ("principal_u", "principal_v", "tangential_1", "tangential_2", "bank", "
 def word(spot):
     if spot is END:
         return 1
-    rejected, area, u, v = spot
-    return rejected << 1 | area << 2 | u << 10 | v << 28
+    rejected, area, u, v = spot  # the area's code and the two flags above it
+    return rejected << 1 | area << 2 | u << 13 | v << 31
 
 
 def expected(spots, settings):
@@ -36,13 +36,13 @@ def expected(spots, settings):
             words.append(1)
         else:
             x, y, ok = next(answers)
-            words.append(word(spot) | (not ok) << 1 | (x & 0x3FFFF) << 46 | (y & 0x3FFFF) << 64)
+            words.append(word(spot) | (not ok) << 1 | (x & 0x3FFFF) << 49 | (y & 0x3FFFF) << 67)
     return words
 
 
 def random_spot(rng, anywhere=0.1):
     limits = (1 << 18, 1 << 18) if rng.random() < anywhere else (WIDTH * 512, HEIGHT * 512)
-    return (int(rng.random() < 0.2), rng.randint(1, 255),
+    return (int(rng.random() < 0.2), rng.randrange(1 << 11),
             rng.randrange(limits[0]), rng.randrange(limits[1]))
 
 

@@ -65,9 +65,9 @@ def test_a_fault_in_any_copy_is_read_back(name, lanes, copy, bits):
 
 
 @pytest.mark.parametrize("beams,lanes,error", [
-    (0, 1, "Beams must be an integer from 1 to 128, not 0"),
-    (129, 1, "Beams must be an integer from 1 to 128, not 129"),
-    ("49", 1, "Beams must be an integer from 1 to 128, not '49'"),
+    (0, 1, "Beams must be an integer from 1 to 512, not 0"),
+    (513, 1, "Beams must be an integer from 1 to 512, not 513"),
+    ("49", 1, "Beams must be an integer from 1 to 512, not '49'"),
     (49, 0, "Lanes must be an integer from 1 to 49, not 0"),
     (49, 50, "Lanes must be an integer from 1 to 49, not 50"),
 ])
@@ -104,7 +104,8 @@ def test_heavy_traffic(beams, lanes, gap, stall, seed):
     y += rng.choice([-1, 1], count) * ((tolerance[which] << 4) + rng.integers(-40, 3, count))
     fields = {
         "end": np.zeros(count, int), "rejected": (rng.random(count) < 0.02).astype(int),
-        "area": rng.integers(1, 256, count), "u": rng.integers(0, 1 << 18, count),
+        "area": rng.integers(1, 512, count), "saturated": rng.random(count) < 0.5,
+        "border": rng.random(count) < 0.5, "u": rng.integers(0, 1 << 18, count),
         "v": rng.integers(0, 1 << 18, count), "x": x, "y": np.clip(y, -(1 << 17), (1 << 17) - 1)}
     beats = block.stream(pack(Undistorted, **fields), gap=gap, stall=stall, seed=seed, idle=1000)
     got = unpack(Match, beats.words)
@@ -112,7 +113,7 @@ def test_heavy_traffic(beams, lanes, gap, stall, seed):
     assert len(beats.words) == count
     assert len(np.unique(status)) == 4
     wanted = {**fields, "status": status, "beam": beam, "x": x & 0x3FFFF}
-    for name in ("end", "status", "beam", "area", "u", "v", "x"):
+    for name in ("end", "status", "beam", "area", "saturated", "border", "u", "v", "x"):
         wrong = np.flatnonzero(got[name] != wanted[name])
         assert not len(wrong), f"spot {wrong[0]}: {name} is {got[name][wrong[0]]}"
     if not gap and not stall:

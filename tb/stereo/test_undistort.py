@@ -54,11 +54,14 @@ def test_many_spots(size, seed):
         inside = rng.random(count) < 0.8
         u = np.where(inside, rng.integers(size[0] * 512, size=count), rng.integers(1 << 18))
         v = np.where(inside, rng.integers(size[1] * 512, size=count), rng.integers(1 << 18))
-        rejected, area = rng.random(count) < 0.1, rng.integers(1, 256, count)
+        rejected, area = rng.random(count) < 0.1, rng.integers(1, 512, count)
+        saturated, border = rng.random((2, count)) < 0.5
         x, y, ok = undistort(u, v, settings, *size)
-        got = block.stream(pack(Centre, rejected=rejected, area=area, u=u, v=v), stall=0.1,
+        got = block.stream(pack(Centre, rejected=rejected, area=area, saturated=saturated,
+                                border=border, u=u, v=v), stall=0.1,
                            seed=seed, idle=60).fields(Undistorted)
-        for name, want in [("end", 0 * u), ("rejected", rejected | ~ok), ("area", area), ("u", u),
+        for name, want in [("end", 0 * u), ("rejected", rejected | ~ok), ("area", area),
+                           ("saturated", saturated), ("border", border), ("u", u),
                            ("v", v), ("x", x & 0x3FFFF), ("y", y & 0x3FFFF)]:
             np.testing.assert_array_equal(got[name], want, err_msg=name)
 
@@ -87,7 +90,7 @@ class SpotsToPlaces(wiring.Component):
         wiring.connect(m, centre.o, undistort.i)
         wiring.connect(m, undistort.o, wiring.flipped(self.o))
         m.d.comb += [
-            spot_queue.counts.ready.eq(1), spot_queue.area_min.eq(1), spot_queue.area_max.eq(255),
+            spot_queue.counts.ready.eq(1), spot_queue.area_min.eq(1), spot_queue.area_max.eq(1023),
             table.b_address.eq(centre.table_address), centre.table_data.eq(table.b_data)]
         for name in self.ports:
             block = undistort if name in undistort.signature.members else table

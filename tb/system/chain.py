@@ -34,8 +34,8 @@ class Chain(wiring.Component):
             points.frames.ready.eq(1),
             points.detections.ready.eq(1),
             *(getattr(points, name).eq(value) for name, value in {
-                "fixed_noise": 80, "lit_gain": 18, "core_gain": 40, "weighted": 1, "area_min": 1,
-                "area_max": 255}.items()),
+                "fixed_noise": 80, "lit_gain": 18, "core_gain": 24, "weighted": 1, "area_min": 1,
+                "area_max": 1023, "saturation": 255}.items()),
         ]
         return m
 

@@ -18,7 +18,7 @@ from tb.system.stimuli import any_settings, spot_frame
 __all__ = ["cocotb_speed", "show"]
 
 #: The clock is made inside the Verilog, so that Python wakes only for octets.
-_TIMING = ("--timing", "-CFLAGS", "-std=c++20")
+_TIMING = ("--timing",)
 
 
 @cache
@@ -35,7 +35,7 @@ def _register_macros():
     return f"`define REGISTERS {declared}\n`define REGISTER_PORTS {connected}\n"
 
 
-def show(request, config, settings, images, divisor=1, clock_gated=True, **sensor):
+def show(request, config, settings, images, divisor=1, clock_gated=True, faults=({},), **sensor):
     """Show frames to the RTL under cocotb.
 
     Parameters
@@ -52,8 +52,11 @@ def show(request, config, settings, images, divisor=1, clock_gated=True, **senso
         Clocks per bit of the serial line.
     clock_gated : :class:`bool`
         Stop the spot side's clock while it is not busy, which is faster.
+    faults : sequence of dict
+        The frames are shown once for each of these faults of frame ``faulty``: ``row`` with
+        ``extra`` pixels, ``lines`` that lack at its end.
     sensor : :class:`int`
-        Registers of the sensor in ``rig.v``: blanking, faults.
+        Registers of the sensor in ``rig.v``: blanking, number of the faulty frame.
 
     Returns
     -------
@@ -71,7 +74,8 @@ def show(request, config, settings, images, divisor=1, clock_gated=True, **senso
         pixels.write_bytes(b"\n".join(np.concatenate([image.ravel() for image in images])
                                       .tobytes().hex(" ").encode().split()))
         case.write_bytes(pickle.dumps({
-            "settings": settings, "frames": len(images), "divisor": divisor, "sensor": sensor}))
+            "settings": settings, "frames": len(images), "divisor": divisor, "sensor": sensor,
+            "faults": faults}))
         hdlsim.run(
             request, "rig", "tb.system.tb_frames", verilog=texts,
             build_args=[*_TIMING, "-DGATED"] if clock_gated else _TIMING,

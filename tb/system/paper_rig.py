@@ -15,6 +15,7 @@ from hdl.paper_points import REMAP_BASE, PaperPoints
 from hdl.payloads import Counts, Detection, FrameInfo, GreyPixel, MemoryCommand, Point
 from hdl.protocol import TABLES
 from model.link.points import POINT
+from model.preprocessing.area import coded_area
 from model.preprocessing.remap import pack_remap
 from scripts.paths import ROOT
 from tb.native_block import Beats, NativeBlock, compile_block, pack, unpack
@@ -235,6 +236,7 @@ def frames_of(beats):
         points = np.zeros(len(mine), POINT)
         for name in POINT.names:
             points[name] = fields[f"point_{name}"][mine]
+        points["area"] = coded_area(points["area"])
         of_count, of_frame = fields[count], fields[frame]
         frames.append(Measured(
             points=points, number=int(of_frame["frame_number"]),

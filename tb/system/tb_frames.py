@@ -50,14 +50,18 @@ class Rig:
             self.octets.append(self.dut.octet.value.to_unsigned())
 
     async def show(self):
-        """Show every frame of the case; wait until nothing comes any more."""
+        """Show every frame of the case, for each fault anew; wait until nothing comes any more."""
         dut = self.dut
-        for name, value in self.case.get("sensor", {}).items():
+        for name, value in self.case["sensor"].items():
             getattr(dut, name).value = value
         dut.frames.value = self.case["frames"]
-        await RisingEdge(dut.clk)
-        dut.start.value = 1
-        await RisingEdge(dut.done)
+        for fault in self.case["faults"]:
+            for name in ("row", "extra", "lines"):
+                getattr(dut, f"fault_{name}").value = fault.get(name, 0)
+            await RisingEdge(dut.clk)
+            dut.start.value = 1
+            await RisingEdge(dut.done)
+            dut.start.value = 0
         quiet = -1
         while quiet != len(self.octets):
             quiet = len(self.octets)

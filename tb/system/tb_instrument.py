@@ -80,8 +80,8 @@ class Rig:
         settings, width, height, beams = (
             self.case[name] for name in ("settings", "width", "height", "beams"))
         words = settings.tables()
-        await self.ask(Command.BEGIN, width.to_bytes(2, "little") + height.to_bytes(2, "little")
-                       + bytes([beams, 1]))
+        await self.ask(Command.BEGIN, b"".join(
+            size.to_bytes(2, "little") for size in (width, height, beams)) + bytes([1]))
         for table in TABLES:
             step = 80 // table.octets
             for first in range(0, len(words[table.name]), step):

@@ -27,17 +27,17 @@ def test_dots_of_real_images_are_found():
 @pytest.mark.always_run
 def test_rtl_is_the_model_on_real_images():
     """A part of one image of each group, learnt on itself, with beams that fit no rig."""
-    config = Config(width=192, height=160, beams=16, spot_depth=512)
+    config = Config(width=160, height=136, beams=16, spot_depth=512)
     groups, parts = set(), []
     for name, image, truth, _ in dots.images():
         group = dots.Score(name, 0, 0, 0).group
         if group not in groups:
             groups.add(group)
-            middle = np.clip(np.median(truth, axis=0).astype(int), [96, 80],
-                             np.array(image.shape[::-1]) - [96, 80])
-            left, top = middle - [96, 80]
-            parts += 2 * [image[top:top + 160, left:left + 192]]
-    settings = any_settings(192, 160, config.beams, report_rejected=False, area_min=2)
+            middle = np.clip(np.median(truth, axis=0).astype(int), [80, 68],
+                             np.array(image.shape[::-1]) - [80, 68])
+            left, top = middle - [80, 68]
+            parts += 2 * [image[top:top + 136, left:left + 160]]
+    settings = any_settings(160, 136, config.beams, report_rejected=False, area_min=2)
     got = shown(settings, config, parts, frame_blanking=250_000)
     assert_same(got, expected(settings, config, parts))
     assert all(frame.spots > 10 and not frame.dropped for frame in got[1::2])

@@ -13,7 +13,7 @@ from scripts.host.messages import POINT as REPORTED
 from scripts.host.messages import Frame
 from scripts.host.rebuild import Rebuilder
 from scripts.results.frames import Entry
-from scripts.results.locator import find_duplicates, locate
+from scripts.results.locator import Locator, find_duplicates
 from scripts.results.measure import measure
 from scripts.results.points import STATUS
 from scripts.results.summary import totals
@@ -58,7 +58,7 @@ def test_the_nearest_to_the_line_is_kept(order, pair):
     """Whatever their order and areas; the others keep their beam, and have no coordinates."""
     reported = pair[list(order)]
     reported["area"] = [3, 200, 7]
-    points = locate(reported, 5, CALIBRATION, np.zeros((64, 64), np.uint8))
+    points = Locator(CALIBRATION)(reported, 5, np.zeros((64, 64), np.uint8))
     names = [STATUS[status] for status in points["status"]]
     assert names == ["duplicate" if which == 1 else "ok" for which in order]
     assert points["beam"].tolist() == reported["beam"].tolist()
@@ -68,10 +68,10 @@ def test_the_nearest_to_the_line_is_kept(order, pair):
 def test_a_frame_of_many_spots(spots):
     """One ok spot is left of each beam: the nearest one."""
     found, distance = spots
-    points = locate(found, 0, CALIBRATION, np.zeros((64, 64), np.uint8))
+    duplicate = find_duplicates(found, CALIBRATION)
     for beam in np.unique(found["beam"]):
         mine = found["beam"] == beam
-        kept = mine & (points["status"] == 0)
+        kept = mine & ~duplicate
         assert kept.sum() == 1 and distance[kept][0] == distance[mine].min()
 
 

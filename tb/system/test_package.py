@@ -156,7 +156,9 @@ def test_the_wheel_holds_one_package(wheel):
                  for path in (ROOT / package).rglob(pattern)}
         assert there == {name for name in names if name.startswith(f"cyclope/{package}/")}
     for name in ("simulation/capsule.cpp", "simulation/instrument.cpp", "simulation/sram.hpp",
-                 "rtl/templates/libero.tcl", "commands/cli.py", "host/decoder.py", "paths.py"):
+                 "rtl/templates/libero.tcl", "view/page/index.html", "view/page/three.js",
+                 "view/page/three-license.txt", "view/page/style.css", "commands/cli.py",
+                 "host/decoder.py", "paths.py"):
         assert f"cyclope/{name}" in names
 
 
@@ -196,7 +198,7 @@ def test_reading_needs_no_extra(install, rig, tmp_path):
     for name in files:
         assert (installed.here / "out" / name).read_bytes() == (
             tmp_path / "out" / name).read_bytes()
-    assert (tmp_path / "out" / "points.csv").read_text().count(",ok\n") > 10
+    assert (tmp_path / "out" / "points.csv").read_text().count(",ok,") > 10
     for command in ("status", "load"):
         assert "nowhere" in installed.run("cyclope", command, "nowhere", status=2)[1]
     installed.run("python", "-m", "cyclope.commands.cli", "run", rig / "frames", "--calibration",
@@ -210,6 +212,7 @@ def test_reading_needs_no_extra(install, rig, tmp_path):
     (["run", "frames", "--calibration", "calibration.json", "-o", "new", "--engine", "model"],
      "calibration"),
     (["emulate", "plane", "new"], "rtl"),
+    (["view", "link.raw", "--calibration", "calibration.json"], "view"),
     (["export", "new"], "export"),
 ], ids=lambda value: value if isinstance(value, str) else "-".join(value[::7]))
 def test_a_missing_extra_is_named(command, extra, install):
@@ -258,7 +261,7 @@ def test_the_rtl_runs(install, rig):
     installed.run("cyclope", *run, "golden", "--engine", "model", "--no-pictures")
     points = (installed.here / "rtl" / "points.csv").read_bytes()
     assert points == (installed.here / "golden" / "points.csv").read_bytes()
-    assert points.count(b",ok\n") > 10
+    assert points.count(b",ok,") > 10
     assert (installed.here / "rtl" / "point_cloud.png").exists()
     assert list((CACHE / "cyclope" / "native").glob("capsule-*/libcapsule.so"))
     assert not list(installed.packages.glob("cyclope/**/*.so"))
@@ -270,6 +273,8 @@ def test_calibration_and_export_need_only_their_extra(install):
     installed.run("cyclope", "simulate", "plane", "capture", "--rig", "small", "--frames", "1")
     assert (installed.here / "capture" / "truth.csv").exists()
     installed.run("python", "-c", "import cyclope.calibration.calibrate, cyclope.calibration.plots")
+    install("view").run("python", "-c", "import cyclope.view.server as server; "
+                        "assert {'/', '/three.js'} <= server.PageServer(None).files.keys()")
     install("export").run("python", "-c", "import cyclope.rtl.export, edalize.edatool")
 
 

@@ -6,6 +6,7 @@ import ctypes
 import numpy as np
 import pytest
 
+from hdl.common.point_fifo import PointFIFO
 from hdl.config import PRESETS
 from hdl.paper import Paper
 from model.display.vga import display
@@ -105,10 +106,11 @@ def test_worst_frames_within_a_pair(erosion):
         wanted, = model.frames([image])
         assert read_out + latency <= PAIR, f"{name}: {read_out} + {latency} clocks"
         assert (mine.spots, mine.skipped) == (wanted.spots, 0)
-        # Where the line cannot carry all points, the queues drop some.
+        # Where the line cannot carry all points, the queues drop some; none of so few.
         assert mine.spots == (
             mine.ok + mine.noise + mine.ambiguous + mine.rejected + mine.dropped), name
-        if not wanted.dropped:
+        assert not mine.dropped or mine.spots > PointFIFO().depth, name
+        if not mine.dropped and not wanted.dropped:
             check(name, mine, wanted)
 
 

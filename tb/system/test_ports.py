@@ -34,7 +34,7 @@ RENAMED = {
 @pytest.mark.parametrize("top", [Capsule, Paper])
 def test_every_register_is_used(top):
     unused = {
-        Paper: {"weighted", "fixed_noise", "lit_gain", "core_gain", "dent_gain"},
+        Paper: {"weighted", "fixed_noise", "lit_gain", "core_gain", "dent_gain", "saturation"},
         Capsule: {"threshold_fixed", "threshold_level", "threshold_alpha", "erosion_mode"}}[top]
     assert {*Sequencer.registers, *top.registers} == SHAPES.keys() - unused
     assert not Sequencer.registers.keys() & top.registers.keys()

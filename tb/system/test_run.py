@@ -68,7 +68,7 @@ def test_everything_is_written(measured, prepared):
 
 def test_table_and_cloud_agree(measured, prepared):
     text = (measured / "points.csv").read_text()
-    assert text.startswith("frame,beam,u_px,v_px,area_px,x_mm,y_mm,z_mm,status\n")
+    assert text.startswith("frame,beam,u_px,v_px,area_px,x_mm,y_mm,z_mm,status,saturated,border\n")
     rows = table(measured)
     ok = [row for row in rows if row["status"] == "ok"]
     assert len(ok) > 250 and {row["status"] for row in rows} <= set(STATUS)
@@ -205,7 +205,7 @@ def test_frames_without_spots_are_reported(grey, note, prepared, tmp_path, capsy
 
 
 @pytest.mark.parametrize("fields, beams, words", [
-    ({}, [1, 2], ()), ({}, [3, 1, 3, 0, 0], ("more than one spot for beam 0 3",)),
+    ({}, [1, 2], ()), ({}, [3, 1, 3, 0, 0], ("more than one spot for beams 0, 3",)),
     ({"flags": 1 << Flag.LEARNING, "spots": 0}, [], ("learning: no level yet", "no spot")),
     ({"flags": 1 << Flag.BROKEN, "skipped": 2}, [1],
      ("broken: synchronism lost", "2 frames lost before it")),
@@ -429,7 +429,7 @@ def test_a_disk_that_fills_up_is_named(prepared, tmp_path, capsys):
     assert "points.csv cannot be written: File too large. The points of 1 of 12 frames" in message
     text = (tmp_path / "out" / "points.csv").read_text()
     assert len(text) > 3900 and text.endswith("\n")
-    assert all(line.count(",") == 8 for line in text.splitlines())
+    assert all(line.count(",") == 10 for line in text.splitlines())
 
 
 def test_without_compiler_the_other_engine_is_named(prepared, tmp_path, capsys, monkeypatch):

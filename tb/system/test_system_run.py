@@ -84,7 +84,7 @@ def test_three_pairs_in_cocotb(request, seed, tmp_path):
         verilog={"instrument_rig.v": rig.replace("DIVISOR = 139", "DIVISOR = 16").replace(
             "PIXEL_HALF_PS = 62500", "PIXEL_HALF_PS = 62611"),
             "instrument.v": to_fast_verilog(Instrument(config), "instrument")},
-        build_args=("--timing", "-CFLAGS", "-std=c++20", *_FLATTENED),
+        build_args=("--timing", *_FLATTENED),
         plusargs=[f"+picture={picture}"],
         parameters={"case": str(case), "answer": str(answer)})
     got = pickle.loads(answer.read_bytes())

@@ -25,7 +25,7 @@ def same(frame, wanted):
     counts = [np.count_nonzero(status == code) for code in range(4)]
     listed = wanted.points
     if frame.compact:
-        listed = np.concatenate([listed[status == 0], listed[status != 0][:10]])
+        listed = np.concatenate([listed[status == 0], listed[status != 0][:9]])
         ok = listed["status"] == 0
         listed["beam"][~ok] = frame.points["beam"][~ok] if len(frame.points) == len(ok) else 0
     return (frame.level, frame.grey_noise, frame.saturated, frame.spots, frame.ok, frame.noise,

@@ -1,0 +1,53 @@
+"""Frames of the link to rows of points: what is trusted, and where it is."""
+
+import numpy as np
+
+from model.preprocessing.centre import LSB_PX
+from scripts.results.locator import Locator, find_duplicates
+from scripts.results.points import DUPLICATE, OK, POINT, STATUS
+
+__all__ = ["NAMES", "UNVERIFIED", "FrameLocator"]
+
+#: Points of frames whose check failed get this word instead of ok, and no coordinates.
+NAMES = (*STATUS, "unverified")
+UNVERIFIED = len(STATUS)
+_DARK = np.zeros((1, 1), np.uint8)
+
+
+class FrameLocator:
+    """Rows of the points of frames, called with them in their order.
+
+    Points are trusted while the last check that could be made was right.
+
+    Parameters
+    ----------
+    calibration : :class:`calibration.file.Calibration` or None
+        What the chip was loaded with; without, there are no coordinates.
+    """
+
+    def __init__(self, calibration=None):
+        self._locate = calibration and Locator(calibration)
+        self._trusted = False
+
+    def __call__(self, frame):
+        """An array of :data:`scripts.results.points.POINT`; the status may be UNVERIFIED too."""
+        if frame.verified is not None:
+            self._trusted = frame.verified and (self._trusted or frame.ok > 0)
+        reported = frame.points.copy()
+        if not self._trusted:
+            reported["status"][reported["status"] == OK] = UNVERIFIED
+        if self._locate is not None:
+            # The texture comes later and in parts: intensities are taken from it at the end.
+            return self._locate(reported, frame.index, _DARK)
+        points = np.zeros(len(reported), POINT)
+        points["frame"] = frame.index
+        for name in ("status", "area", "saturated", "border"):
+            points[name] = reported[name]
+        points["beam"] = np.where(
+            points["status"] == OK, np.asarray(reported["beam"], np.int16), -1)
+        points["status"][find_duplicates(reported)] = DUPLICATE
+        for name in "uv":
+            points[name] = np.asarray(reported[name], float) * LSB_PX
+        for name in "xyz":
+            points[name] = np.nan
+        return points

@@ -16,6 +16,7 @@ import subprocess
 import sys
 import sysconfig
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -198,11 +199,17 @@ def install_system_packages(packages):
     return f"apt-get failed ({lines[-1]})"
 
 
-def make_test_tools():
-    """Get what only the regression needs, or say what is left out; in CI that is an error."""
+def make_test_environment():
+    """Make .venv, and get what only the regression needs meanwhile.
+
+    What is left out is said; in CI that is an error.
+    """
     absent = [name for name in TEST_PACKAGES if shutil.which(name) is None]
+    with ThreadPoolExecutor(1) as background:
+        installed = background.submit(install_system_packages, absent) if absent else None
+        make_environment()
     if absent:
-        reason = install_system_packages(absent)
+        reason = installed.result()
         left_out = False
         for name in absent:
             if shutil.which(name) is not None or TEST_PACKAGES[name] is None:
@@ -229,9 +236,10 @@ def main():
     lacking = list(missing())
     if lacking:
         raise SystemExit("\n".join(lacking))
-    make_environment()
     if options.test:
-        make_test_tools()
+        make_test_environment()
+    else:
+        make_environment()
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from scripts.simulation.terminal import Terminal
 
 __all__ = ["BAUD", "calibrated", "open_live"]
 
-#: Of the line between the model and the host: a texture takes about a second.
+#: Of the line between the instrument and the host: a texture takes about a second.
 BAUD = 1_000_000
 _SEED = 7
 
@@ -61,15 +61,16 @@ def open_live(kind, rig, seed=0, speed=1.0, progress=None, engine="model"):
     progress : callable or None
         Called with the scenes done and the scenes in all.
     engine : ``"model"`` or ``"rtl"``
-        The golden models, or the Verilated RTL with the line that it has, as fast as it goes; it
-        sees another scene with each pair.
+        The golden models, or the Verilated RTL, as fast as it goes; it sees another scene with
+        each pair.
 
     Yields
     ------
     :class:`scripts.simulation.terminal.Terminal`
     """
     if engine == "rtl":
-        with Terminal(Emulator(kind, rig, seed, keep=False), speed=speed, drop=True) as terminal:
+        with Terminal(Emulator(kind, rig, seed, baud=BAUD, keep=False), speed=speed,
+                      drop=True) as terminal:
             yield terminal
         return
     scene = LiveScene(kind, rig, seed, progress)

@@ -5,14 +5,12 @@ from tb.acquisition.acquisition_rig import AcquisitionRig
 from tb.hdlsim import run
 
 
-@pytest.mark.parametrize("rig, width, height, blanking, period_us", [
-    ("small", 64, 64, 0, 13_000), ("small", 64, 64, 48, 13_000),
-    ("endoscope", 352, 288, 48, 40_000)])
-def test_pairs(request, rig, width, height, blanking, period_us):
+@pytest.mark.parametrize("blanking", [0, 48])
+def test_pairs(request, blanking):
     """The guard's window is short, so that few dark frames come before the first pair."""
     run(request, "acquisition_rig", "tb.acquisition.tb_acquisition_rig", component=AcquisitionRig(
-            width, height, {"window_us": 2000, "repetition_us": 1000, "pulse_us": 800}),
-        parameters={"rig": rig, "blanking": blanking, "period_us": period_us}, testcase="pairs")
+            64, 64, {"window_us": 2000, "repetition_us": 1000, "pulse_us": 800}),
+        parameters={"rig": "small", "blanking": blanking, "period_us": 13_000}, testcase="pairs")
 
 
 def test_addressed_pairs(request):

@@ -42,9 +42,9 @@ def check(show, screens):
 def test_cif_frames(request, tmp_path, seed):
     """8 MHz pixels of 352 x 288 in pairs of 40 ms, as the instrument has them; 25.175 MHz."""
     images, lists = stimuli(np.random.default_rng(seed), 352, 288)
-    show = play(request, tmp_path, images, lists, 17, sync_ps=62_500, period=2,
+    show = play(request, tmp_path, images, lists, 11, sync_ps=62_500, period=2,
                 blanking=320_000 - 2 * 352 * 288, delay=3000)
-    assert check(show, 17) >= 12
+    assert check(show, 11) >= 8
     assert all(show.overlaid[1:])
 
 
@@ -55,10 +55,10 @@ def test_more_frames_than_screens(request, tmp_path, seed):
     Their lists follow so closely that some screens have to do without.
     """
     images, lists = stimuli(np.random.default_rng(seed), 64, 64)
-    show = play(request, tmp_path, images, lists, 18, pairs=False, sync_ps=17_000, period=1,
+    show = play(request, tmp_path, images, lists, 11, pairs=False, sync_ps=17_000, period=1,
                 blanking=8, delay=1500)
-    assert check(show, 18) >= 16
-    assert 0 < sum(show.overlaid) < 17
+    assert check(show, 11) >= 9
+    assert 0 < sum(show.overlaid) < 10
 
 
 @pytest.mark.parametrize("seed", [3])
@@ -76,9 +76,9 @@ def test_nearly_the_screens_rate(request, tmp_path, seed):
 def test_frames_in_external_memory(request, tmp_path, seed):
     """As above, from an external memory that another client keeps busy: no row is late."""
     images, lists = stimuli(np.random.default_rng(seed), 352, 288)
-    show = play(request, tmp_path, images, lists, 17, stores=sram_store(352, 288),
+    show = play(request, tmp_path, images, lists, 11, stores=sram_store(352, 288),
                 sync_ps=62_500, period=2, blanking=320_000 - 2 * 352 * 288, delay=3000)
-    assert check(show, 17) >= 12
+    assert check(show, 11) >= 8
     assert all(show.overlaid[1:])
 
 

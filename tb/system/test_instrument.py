@@ -25,6 +25,7 @@ from tb.system.whole import Whole
 PERIOD_US = 40_000
 #: The shortest that the laser guard bears, where the period proves nothing: half as much to run.
 SHORT_US = 20_000
+QCIF = replace(VIDEO, width=176, height=144)
 
 
 def small(seed=1, **changes):
@@ -263,8 +264,8 @@ def test_pictures_for_a_calibration():
 
 @pytest.mark.parametrize("config,model,settings_of", [
     (SMALL, Model, lambda seed: small(seed, fixed_noise=160)),
-    (VIDEO, Paper, lambda seed: paper_settings(
-        VIDEO, seed=seed, level_fixed=60, area_min=5, report_rejected=False)),
+    (QCIF, Paper, lambda seed: paper_settings(
+        QCIF, seed=seed, level_fixed=60, area_min=5, report_rejected=False)),
 ], ids=["capsule", "paper"])
 def test_tables_change_between_frames(config, model, settings_of):
     """A second set of tables is loaded while frames pass: each frame is the model's with the one
@@ -277,12 +278,12 @@ def test_tables_change_between_frames(config, model, settings_of):
     images = [spot_frame(config.width, config.height, 70 + n, spots=49 if paper else 12)
               for n in range(6)]
     bench = Whole(config, one, images, mode=Mode.CONTINUOUS, full_records=1,
-                  places_in_memory=paper)
+                  places_in_memory=paper, period_us=SHORT_US)
     bench.decoder.rebuild = None
-    bench.run(2 * PERIOD_US)
+    bench.run(2 * SHORT_US)
     bench.load(other, not_banked=False)
     assert not paper or bench.shown_meanwhile >= 4
-    bench.run(4 * PERIOD_US)
+    bench.run(4 * SHORT_US)
     models = [model(settings, config.width, config.height) for settings in (one, other)]
     sets = []
     for frame in bench.frames:

@@ -58,7 +58,7 @@ def check_frames(whole):
 @pytest.mark.parametrize("config,spots", [(SMALL, 12), (VIDEO, 49)], ids=["64x64", "cif"])
 def test_pairs_at_video_rate(config, spots):
     """25 pairs a second: every lit pattern is measured, and textures come beside them."""
-    pairs = 6
+    pairs = 4
     whole = whole_of(config, 1, spots, line_blanking=48, mode=1,
                      places_in_memory=config.width > 64)
     whole.run(40_000 * (pairs + 3))

@@ -152,12 +152,13 @@ def test_setup_tells_what_is_left_out(ci, monkeypatch, capsys, tmp_path):
     (tmp_path / "cyclope-yosys-ready").touch()
     monkeypatch.setattr(setup.shutil, "which", {"apt-get": "apt-get"}.get)
     monkeypatch.setattr(setup.os, "geteuid", lambda: 1000)
+    monkeypatch.setattr(setup, "make_environment", lambda: None)
     monkeypatch.setenv("CI", ci)
     if ci == "true":
         with pytest.raises(SystemExit, match="With CI=true nothing may be left out."):
-            setup.make_test_tools()
+            setup.make_test_environment()
     else:
-        setup.make_test_tools()
+        setup.make_test_environment()
     assert capsys.readouterr().out == (
         "Left out: the benches of the VHDL twins and their analysis, as ghdl is not installed and "
         "this is not root and sudo asks for a password; `apt-get install ghdl` brings them.\n"

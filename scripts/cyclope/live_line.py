@@ -48,6 +48,12 @@ class LiveLine:
             text.append(", calibration capture", style="yellow")
         if last.tripped:
             text.append(", tripped: see `cyclope status`", style="bold red")
+        drift = recorder.drift
+        if drift:
+            text.append(f"  across lines {drift.distance_px:.2f} px",
+                        style="yellow" if drift.distance_px > drift.normal_px else "")
+            if drift.causes:
+                text.append(f", moved: {' or '.join(drift.causes)}", style="bold red")
         if last.verified is False:
             text.append(f"  {MISMATCH}", style="bold red")
         return text

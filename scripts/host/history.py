@@ -13,6 +13,7 @@ from scripts.host.frame_locator import FrameLocator
 from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
 from scripts.host.rebuild import Rebuilder
 from scripts.host.replay import Replay
+from scripts.results.drift import Drift, DriftMonitor
 
 __all__ = ["History", "Moment", "read_history"]
 
@@ -40,6 +41,8 @@ class Moment:
         Packets lost until then.
     pieces : :class:`int`
         Pieces of the texture that came before it.
+    drift : :class:`scripts.results.drift.Drift` or None
+        Whether the rig is as it was calibrated; None without points.
     """
 
     frame: Frame
@@ -47,6 +50,7 @@ class Moment:
     seconds: float
     lost: int
     pieces: int
+    drift: Drift | None
 
 
 class _Texture:
@@ -91,6 +95,7 @@ class History:
         self.calibration, self._most = calibration, most_points
         self.first = self.count = 0
         self.identity = None
+        self._drift = DriftMonitor(calibration)
         self._lock = threading.Lock()
         self._moments, self._rows, self._positions = [], 0, {}
         self._pieces, self._first_piece = [], 0
@@ -184,7 +189,8 @@ class History:
         pieces = self._first_piece + len(self._pieces)
         if self.count % _SNAPSHOT == 0:
             self._snapshots[self.count] = self._now.copy()
-        self._moments.append(Moment(plain, points, self._time(frame), lost, pieces))
+        self._moments.append(Moment(plain, points, self._time(frame), lost, pieces,
+                                    self._drift.add(points)))
         self._positions[frame.index] = self.count
         self.count += 1
         self._rows += len(points)

@@ -12,7 +12,8 @@ from scripts.host.frame_locator import NAMES, FrameLocator
 from scripts.host.image_assembly import ImageAssembly
 from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
 from scripts.results.cloud import PointCloud
-from scripts.results.outputs import CSV_HEADER, csv_line, whole_file
+from scripts.results.drift import DriftMonitor
+from scripts.results.outputs import TIMED_CSV_HEADER, csv_line, whole_file
 from scripts.results.points import DOUBTFUL, DUPLICATE, OK
 from scripts.results.row_file import RowFile
 
@@ -29,7 +30,8 @@ _COUNTED = ("level", "grey_noise", "saturated", "skipped", "spots", "ok", "noise
             "rejected", "dropped", "unlisted")
 _FLAGS = ("learning", "broken", "capture", "tripped", "tables_valid")
 _FRAMES_HEADER = ("number,kind,laser,exposure_us,timestamp_us," + ",".join(_COUNTED)
-                  + ",check,flags,lost_packets,bad_sync,overrun,duplicate,doubtful\n")
+                  + ",check,flags,lost_packets,bad_sync,overrun,duplicate,doubtful"
+                  + ",line_distance_px,line_distance_normal_px,moved\n")
 _CHECK = {True: "ok", False: "failed", None: ""}
 #: Texture frames of which is remembered whether they were lit, and fragments that wait for that.
 _REMEMBERED = 64
@@ -75,6 +77,8 @@ class Recorder:
         The last pattern frame.
     located : array of :data:`scripts.results.points.POINT` or None
         Its points.
+    drift : :class:`scripts.results.drift.Drift` or None
+        Whether the rig is as it was calibrated, by the last frame with points.
     locate : :class:`scripts.host.frame_locator.FrameLocator`
         What makes points of frames.
     identity, status : :class:`dict` or None
@@ -89,7 +93,8 @@ class Recorder:
         self.locate = FrameLocator(calibration)
         self.frames = self.points = self.unverified = 0
         self.verified = self.lit = self.tabled = self.tripped = self.reported = 0
-        self.last = self.located = self.identity = self.status = None
+        self.last = self.located = self.identity = self.status = self.drift = None
+        self._drift = calibration and DriftMonitor(calibration)
         size = calibration and (calibration.width, calibration.height)
         self.images = {kind: ImageAssembly(size) for kind in ("texture", "pattern")}
         self.complete = dict.fromkeys(self.images, 0)
@@ -99,7 +104,7 @@ class Recorder:
         self._early = []  # fragments that came before their frame was announced
         self.written = set()
         try:
-            self._points = self._table("points.csv", CSV_HEADER + "\n")
+            self._points = self._table("points.csv", TIMED_CSV_HEADER + "\n")
             self._frames = self._table("frames.csv", _FRAMES_HEADER)
             self._cloud = PointCloud(self.folder, size or (0, 0))
         except BaseException:
@@ -125,7 +130,7 @@ class Recorder:
                 del self._lit[min(self._lit)]
             self._add_early()
             self._row(event, "texture", [str(event.skipped) if name == "skipped" else ""
-                                         for name in _COUNTED], "", "", ["", ""])
+                                         for name in _COUNTED], "", "", [""] * 5)
         elif isinstance(event, TexturePiece):
             self._early.append(event)
             if event.index in self._lit or len(self._early) > _REMEMBERED:
@@ -219,8 +224,12 @@ class Recorder:
         if frame.compact and reported and self.calibration is None:
             raise UserError(NO_CALIBRATION)
         points = self.located = self.locate(frame)
+        drift = self._drift and self._drift.add(points)
+        self.drift = drift or self.drift
         found = [str(np.count_nonzero(points["status"] == status))
                  for status in (DUPLICATE, DOUBTFUL)]
+        found += [f"{drift.distance_px:.4f}", f"{drift.normal_px:.4f}",
+                  " or ".join(drift.causes)] if drift else [""] * 3
         if frame.summarised:
             self._row(frame, "pattern", [f"{getattr(frame, name) / _GREY_UNITS.get(name, 1):.10g}"
                                          for name in _COUNTED],
@@ -231,8 +240,9 @@ class Recorder:
             self._frames.append(",".join([
                 str(frame.index), "pattern", *blank, "incomplete", str(frame.lost), "", "",
                 *found]) + "\n")
+        time_us = str(frame.timestamp_us) if frame.summarised else ""
         for point in points:
-            self._points.append(csv_line(point, NAMES))
+            self._points.append(csv_line(point, NAMES, time_us))
         self.points += int(np.count_nonzero(points["status"] == OK))
         located = points[~np.isnan(points["z"])
                          & (self.doubtful | (points["status"] != DOUBTFUL))]

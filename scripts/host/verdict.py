@@ -76,6 +76,9 @@ def find_unusable(recorder, images=None):
     if recorder.unverified and not recorder.verified:
         reasons.append(f"{plural(recorder.unverified, 'frame')} whose check failed, and none whose "
                        f"check is right: {MISMATCH}.")
+    elif recorder.drift and recorder.drift.causes:
+        sentence = recorder.drift.sentence
+        reasons.append(sentence[0].lower() + sentence[1:])
     elif not recorder.points and not reasons:
         reasons.append(
             "no frame with points arrived complete, so none could be checked: is the line too "

@@ -12,10 +12,12 @@ import numpy as np
 from model.errors import UserError
 from scripts.results.points import STATUS
 
-__all__ = ["CSV_HEADER", "check_folder", "csv_line", "new_folder", "ply_header", "ply_line",
-           "take_folder", "whole_file", "write_csv", "write_ply"]
+__all__ = ["CSV_HEADER", "TIMED_CSV_HEADER", "check_folder", "csv_line", "new_folder",
+           "ply_header", "ply_line", "take_folder", "whole_file", "write_csv", "write_ply"]
 
 CSV_HEADER = "frame,beam,u_px,v_px,area_px,x_mm,y_mm,z_mm,status,saturated,border"
+#: Where frames have a time.
+TIMED_CSV_HEADER = f"{CSV_HEADER},time_us"
 
 
 def check_folder(path):
@@ -146,13 +148,23 @@ def _number(value, digits):
     return "" if np.isnan(value) else f"{value:.{digits}f}"
 
 
-def csv_line(point, names=STATUS):
-    """The row of a spot; fields without a value are empty."""
+def csv_line(point, names=STATUS, time_us=None):
+    """The row of a spot; fields without a value are empty.
+
+    Parameters
+    ----------
+    point : element of an array of :data:`scripts.results.points.POINT`
+        The spot.
+    names : sequence of :class:`str`
+        Words for its status.
+    time_us : :class:`str`, optional
+        For the column of :data:`TIMED_CSV_HEADER`; without it the row has no such column.
+    """
     beam = "" if point["beam"] < 0 else str(point["beam"])
     coordinates = ",".join(_number(point[name], 4) for name in "xyz")
     return (f"{point['frame']},{beam},{point['u']:.4f},{point['v']:.4f},{point['area']},"
             f"{coordinates},{names[point['status']]},{int(point['saturated'])},"
-            f"{int(point['border'])}\n")
+            f"{int(point['border'])}{'' if time_us is None else f',{time_us}'}\n")
 
 
 def write_csv(path, points):

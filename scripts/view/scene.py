@@ -12,9 +12,6 @@ __all__ = ["describe_frame", "describe_rig", "describe_strip", "pack_texture"]
 
 #: Frames over which the rate is taken.
 _RATE_FRAMES = 12
-#: Spots that are beside their lines by so many times what they were in the calibration are a sign
-#: that something moved, and the least distance in px that is.
-_MUCH, _LEAST_PX = 4.0, 0.15
 #: Seconds of a step of the texture's age, and the octet of pixels that never came.
 AGE_STEP, NEVER = 0.25, 255
 
@@ -58,14 +55,7 @@ def describe_frame(history, position):
         "first": history.first, "count": history.count, "frame": frame.index,
         "seconds": round(moment.seconds, 4), "points": table,
         "triangles": rows[surface.triangle].ravel().tolist() if len(rows) else [],
-        "strip": {**describe_strip(history, position), **_fit(surface)}}
-
-
-def _fit(surface):
-    """How far the spots are beside their own lines, and what is normal for this calibration."""
-    normal = surface.calibration.budget.get("sigma_v_px", 0.05)
-    return {"fit": round(surface.noise_px, 3) if len(surface.points) else None,
-            "fit_normal": round(max(_MUCH * normal, _LEAST_PX), 3)}
+        "strip": describe_strip(history, position)}
 
 
 def _rate(history, position):
@@ -91,7 +81,16 @@ def describe_strip(history, position):
         "ok": int(np.count_nonzero(status == OK)), "beams": beams,
         "doubtful": int(np.count_nonzero(status == DOUBTFUL)),
         "noise": round(frame.grey_noise / 8, 2), "saturated": frame.saturated,
-        "lost": moment.lost, "dropped": frame.dropped, "exposure": frame.exposure_us}
+        "lost": moment.lost, "dropped": frame.dropped, "exposure": frame.exposure_us,
+        **_fit(moment.drift)}
+
+
+def _fit(drift):
+    """How far the spots are beside their own lines, what is normal, and what has moved."""
+    if drift is None:
+        return {"fit": None, "fit_normal": None, "moved": None}
+    return {"fit": round(drift.distance_px, 3), "fit_normal": round(drift.normal_px, 3),
+            "moved": drift.sentence or None}
 
 
 def pack_texture(history, position):

@@ -16,6 +16,7 @@ from scripts.cyclope import live_line
 from scripts.host.image_assembly import ImageAssembly
 from scripts.host.messages import POINT, Frame
 from scripts.host.recorder import MISMATCH
+from scripts.results.drift import Drift
 from tb.host.bench import (
     QUICK,
     TEXTURE,
@@ -61,7 +62,9 @@ def test_load_run_receive_replay(each_terminal, rig, tmp_path, capsys):
     wanted = truth(terminal.instrument, numbers, calibration)
     got = [tuple(row.values()) for row in rows(out / "points.csv")
            if row["status"] in ("ok", "doubtful")]
-    assert len(got) > 100 and [row[:-3] for row in got] == wanted
+    assert len(got) > 100 and [row[:8] for row in got] == wanted
+    at = {row["number"]: row["timestamp_us"] for row in patterns}
+    assert {(row["frame"], row["time_us"]) for row in rows(out / "points.csv")} <= set(at.items())
     header = (out / "points.ply").read_text().split("end_header\n")
     assert f"element vertex {len(got)}" in header[0] and header[1].count("\n") == len(got)
     textures = sorted((out / "texture").iterdir())
@@ -187,7 +190,7 @@ def test_noise_is_counted_and_hurts_nothing(each_terminal, rig, tmp_path, capsys
     lost = sum(int(row["lost_packets"] or 0) for row in rows(out / "frames.csv"))
     assert lost > 5
     got = [tuple(row.values()) for row in rows(out / "points.csv")]
-    ok = [row[:-3] for row in got if row[-3] == "ok"]
+    ok = [row[:8] for row in got if row[8] == "ok"]
     sent = spots_sent(terminal.instrument, {int(row[0]) for row in ok}, rig[0])
     assert len(ok) > 50 and set(ok) <= sent
     assert run("receive", out / "link.raw", "--calibration", rig[1], "-o", tmp_path / "two") == 0
@@ -295,7 +298,8 @@ def test_live_line(rig, monkeypatch):
     decoder = SimpleNamespace(octets=0, packets=0, lost=0)
     images = {kind: ImageAssembly((4, 2)) for kind in ("texture", "pattern")}
     recorder = SimpleNamespace(
-        frames=0, last=None, complete={"texture": 2, "pattern": 1}, seen=set(), images=images)
+        frames=0, last=None, complete={"texture": 2, "pattern": 1}, seen=set(), images=images,
+        drift=None)
     assert str(line.text(decoder, recorder)) == "tty  nothing arrives"
     decoder.octets = 9
     assert str(line.text(decoder, recorder)) == "tty  nothing but garbage"
@@ -311,6 +315,9 @@ def test_live_line(rig, monkeypatch):
         words = str(line.text(decoder, recorder))
     assert words == "tty  frame 7  25.0 frames/s   4 of 5 spots ok  2 textures  lost packets 0  " \
                     "laser on"
+    recorder.drift = Drift(0.41, 0.2, ("focus", "base"))
+    assert str(line.text(decoder, recorder)) == (
+        f"{words}  across lines 0.41 px, moved: focus or base")
     now += 3
     recorder.last = Frame(8, flags=0x30, verified=False)
     decoder.lost = 3

@@ -72,8 +72,9 @@ def test_a_damaged_recording(terminal, rig, tmp_path):
     octets[middle:middle + 500] = np.random.default_rng(1).bytes(700)
     (tmp_path / "raw").write_bytes(octets[:-7])
     assert run("receive", tmp_path / "raw", "--calibration", rig[1], "-o", tmp_path / "two") == 0
-    good = {tuple(row.values()) for row in rows(out / "points.csv")}
-    read = [tuple(row.values()) for row in rows(tmp_path / "two" / "points.csv")]
+    # The time of a frame is in its last packet, which may be missing.
+    good = {tuple(row.values())[:-1] for row in rows(out / "points.csv")}
+    read = [tuple(row.values())[:-1] for row in rows(tmp_path / "two" / "points.csv")]
     assert len(read) > len(good) / 3 and set(read) <= good
 
 

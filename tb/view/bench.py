@@ -20,8 +20,11 @@ NOISE_PX = 0.04
 _LIT = 0x48
 
 
-def history_of(scenes, side=11, noise_px=NOISE_PX, grey=90):
-    """The rig, and a history with a frame of each scene and a texture that is the same in all."""
+def history_of(scenes, side=11, noise_px=NOISE_PX, grey=90, moved=lambda rig: rig):
+    """The rig, and a history with a frame of each scene and a texture that is the same in all.
+
+    ``moved`` gives the rig that the frames are of, from the calibrated one.
+    """
     rig = mesh_rig(side)
     calibration = calibration_of(rig, NOISE_PX)
     history, rng = History(calibration), np.random.default_rng(1)
@@ -33,7 +36,7 @@ def history_of(scenes, side=11, noise_px=NOISE_PX, grey=90):
             history.take(TextureFrame(index - 1, 0, 9, now, 0, 0, 0xC0, index - 1))
             for row, pixels in enumerate(image):
                 history.take(TexturePiece(index - 1, row, 0, pixels))
-        points = measured(rig, calibration, scene, rng, noise_px, index)
+        points = measured(moved(rig), calibration, scene, rng, noise_px, index)
         history.take(Frame(index, grey_noise=16, flags=_LIT, index=index, timestamp_us=now,
                            ok=len(points), spots=len(points)), points)
     return rig, history

@@ -17,6 +17,7 @@ from scripts.measure.ruler import ruler
 from scripts.measure.surface import Surface
 from scripts.simulation.live_rig import calibrated, open_live
 from scripts.view.session import LiveSession
+from tb.benchmark.drift import move
 from tb.measure.polyps import true_rim
 from tb.view.bench import history_of, replay, serving
 from tb.view.browser import canvas_pixels, open_browser, until
@@ -97,6 +98,18 @@ def test_a_plane_looks_flat_and_a_sphere_does_not(browser, recorded):
         go(page, 41)
         image = canvas_pixels(page)[height // 2, width // 2 - 60:width // 2 + 60].astype(int)
         assert (image[:, 0] - image[:, 2]).mean() > 5
+
+
+def test_a_rig_that_has_moved_is_said(browser):
+    scenes = [Plane(50 + number, 0, 0) for number in range(20)]
+    _, history = history_of(scenes, side=7, moved=lambda rig: move(rig, "focus 0.5 % longer"))
+    with serving(replay(history)) as server, opened(browser, server) as page:
+        cell = page.locator("#fit")
+        for position, words, kind in ((3, "fit, px", "warn"), (19, "rig has moved", "bad")):
+            go(page, position)
+            assert cell.locator("span").inner_text() == words
+            assert kind in cell.get_attribute("class")
+        assert "the focus has changed by +0.5" in cell.get_attribute("title")
 
 
 def test_ruler_and_polyp_through_clicks(browser, recorded, tmp_path):

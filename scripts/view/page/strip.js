@@ -1,6 +1,7 @@
 // The strip of states at the top; grey when the last frame is old.
 const $ = (id) => document.getElementById(id);
 const OLD = 1.0; // seconds
+const FIT = $("fit").title;
 
 export class Strip {
   constructor(page) {
@@ -33,7 +34,9 @@ export class Strip {
     this.set("lost", String(strip.lost), strip.lost ? "warn" : "");
     const fit = strip.fit;
     this.set("fit", fit === null ? "-" : fit.toFixed(2),
-      fit !== null && fit > strip.fit_normal ? "warn" : "");
+      strip.moved ? "bad" : fit !== null && fit > strip.fit_normal ? "warn" : "",
+      strip.moved ? "rig has moved" : "fit, px");
+    $("fit").title = strip.moved || FIT;
     this.laser();
   }
 

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from hdl.protocol import Command, Reason
+from model.optics.rigs import RIGS
 from scripts.cyclope import cli
 from scripts.demo import refresh
 from scripts.paths import locked
 from scripts.results.accuracy import compare, load_points, load_truth
+from scripts.simulation.emulator import Emulator
+from scripts.simulation.terminal import Terminal
 from tb.link.command_host import Host
 from tb.system.conftest import CACHE
 
@@ -58,6 +61,23 @@ def test_rtl_is_the_model(captures, tmp_path):
     assert points[0] == points[1]
     beams = {int(line.split(b",")[1]) for line in points[0].splitlines()[1:]}
     assert beams == set(range(361))
+
+
+def test_load_and_receive_from_the_rtl(captures, tmp_path):
+    """What `cyclope emulate`, `load` and `receive` do, at 1 Mbaud: no frame is left out."""
+    emulator = Emulator("mixed", RIGS["dense"], 4, scenes=3, baud=1_000_000)
+    calibration, out = str(captures / "calibration.json"), tmp_path / "out"
+    with Terminal(emulator, speed=None) as terminal:
+        assert cli.main(["load", terminal.path, calibration, "--start"]) == 0
+        assert cli.main(["receive", terminal.path, "--calibration", calibration, "--frames", "4",
+                         "-o", str(out)]) == 0
+    (tmp_path / "truth.csv").write_text("\n".join(emulator.truth()) + "\n")
+    rows = [row.split(",") for row in (out / "frames.csv").read_text().splitlines()[1:]]
+    lit = [int(row[0]) for row in rows if row[1] == "pattern" and row[2] == "on"]
+    assert len(lit) >= 3 and np.ptp(lit) == 2 * len(lit) - 2
+    result = compare(load_points(out / "points.csv"), load_truth(tmp_path / "truth.csv"), lit)
+    assert result.expected > 350 * len(lit)
+    assert result.found >= 0.99 and result.wrong <= 0.001 and result.mean <= 0.0008
 
 
 @pytest.mark.parametrize("beams", [361, 512])

@@ -36,14 +36,12 @@ struct Harness {
         top.eval();
         ram.look(top);
         for (uint64_t n = (clocks + 1) * screen / 1024 - clocks * screen / 1024; n; --n) {
-            top.display_clk = 1;
+            top.display_clk ^= 1;  // every change is a rising edge, see library.py
             top.eval();
             if (watched) {
                 seen.push_back(top.red | top.green << 8 | top.blue << 16 | top.hsync << 24
                                | top.vsync << 25 | top.visible << 26);
             }
-            top.display_clk = 0;
-            top.eval();
         }
 #else
     void clock(bool spot_side = false) {

@@ -119,7 +119,7 @@ def _verilog(config):
     clocks = {"sync": "clk", "pixel": "clk", "spot": "spot_clk"}
     if config.preset == "paper":
         return clocked_verilog(chip, "capsule", {**clocks, "display": "display_clk"},
-                               any_edge=False)
+                               any_edge="display_clk")
     tables = ("table_write", "table_read", "table_select", "table_address", "table_data")
     return clocked_verilog(chip, "capsule", clocks, dict.fromkeys(tables, "spot"))
 

@@ -129,13 +129,11 @@ struct Instrument {
         top.eval();
         ram.look(top);
         for (screen += 25175000; screen >= clock_hz; screen -= clock_hz) {
-            top.display_clk = 1;
-            top.eval();
-            top.display_clk = 0;
+            top.display_clk ^= 1;  // every change is a rising edge, see library.py
             top.eval();
         }
 #else
-        // Every change of a clock is a rising edge here, see native.py.
+        // Every change of a clock is a rising edge here, see library.py.
         top.clk ^= 1;
 #ifndef CONVERTER_LATENCY
         if (pixel) top.pixel_clk ^= 1;

@@ -26,7 +26,7 @@ def _library(config):
             clocks["display"] = "display_clk"
         return clocked_verilog(
             RTLInstrument(config, clock_gated=True), "instrument", clocks,
-            any_edge=not paper)
+            **({"any_edge": "display_clk"} if paper else {}))
 
     paper = config.preset == "paper"
     text = harness("instrument.cpp", paper)

@@ -31,7 +31,7 @@ def harness(name, memory):
     return f"#define PAPER\n{(_HERE / 'sram.hpp').read_text()}\n{text}" if memory else text
 
 
-def clocked_verilog(component, name, clocks, registered=None, any_edge=True):
+def clocked_verilog(component, name, clocks, registered=None, any_edge=r"\w*clk"):
     """Verilog of ``component`` in which any change of a clock stands for a rising edge.
 
     So one evaluation makes a clock. No reset is wired: a new library starts from power-up.
@@ -47,8 +47,8 @@ def clocked_verilog(component, name, clocks, registered=None, any_edge=True):
     registered : :class:`dict`
         Inputs to put a register in front of, and its domain: that leaves no logic that hangs on
         the inputs alone, which would be evaluated at every clock.
-    any_edge : :class:`bool`
-        False for designs that know falling edges too: edges are then what they are.
+    any_edge : :class:`str`
+        Pattern of the clocks of which that is so: not of one whose falling edges are used too.
     """
     from amaranth.hdl import ClockDomain, Const, Module, Value
     from amaranth.lib import wiring
@@ -79,7 +79,7 @@ def clocked_verilog(component, name, clocks, registered=None, any_edge=True):
             return m
 
     text = to_fast_verilog(Native(), name)
-    return re.sub(r"\bposedge (\w*clk)\b", r"\1", text) if any_edge else text
+    return re.sub(rf"\bposedge ({any_edge})\b", r"\1", text)
 
 
 def build(name, key, verilog, harness):

@@ -24,6 +24,9 @@ _LEAST_BEAMS = 12
 #: By how much the patterns must lessen chi-square for the rig to have moved: unmoved rigs reach 2
 #: on smooth scenes and 7 on tissue. An alarm that stands ends at half of it.
 _ALARM = 16.0
+#: Shift of the spots in px, RMS, below which it does not matter what has moved: 0.05 degrees about y,
+#: the least of what must be found, shift them by 0.013 to 0.015.
+_LEAST_SHIFT_PX = 0.01
 #: By how much less chi-square another cause may explain and still be possible.
 _APART = 12.0
 #: Error of a beam's line in px that is assumed at least.
@@ -158,8 +161,9 @@ class DriftMonitor:
             return state
         weight = 1 / (self._line_px**2 + noise / count)
         fits = {name: _fit(pattern[:, columns], mean, weight) for name, columns in CAUSES.items()}
-        everything = _fit(pattern, mean, weight)
-        self._alarm = everything[0] >= (_ALARM / 2 if self._alarm else _ALARM)
+        gain, values = _fit(pattern, mean, weight)
+        self._alarm = gain >= (_ALARM / 2 if self._alarm else _ALARM) and (
+            np.sqrt(np.mean((pattern @ values) ** 2)) >= _LEAST_SHIFT_PX)
         if not self._alarm:
             return state
         best = max(gain - len(CAUSES[name]) for name, (gain, _) in fits.items())

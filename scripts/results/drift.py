@@ -24,8 +24,8 @@ _LEAST_BEAMS = 12
 #: By how much the patterns must lessen chi-square for the rig to have moved: unmoved rigs reach 2
 #: on smooth scenes and 7 on tissue. An alarm that stands ends at half of it.
 _ALARM = 16.0
-#: Shift of the spots in px, RMS, below which it does not matter what has moved: 0.05 degrees about y,
-#: the least of what must be found, shift them by 0.013 to 0.015.
+#: Shift of the spots in px, RMS, below which it does not matter what has moved. A turn about y by
+#: 0.05 degrees, the least of what is to be found, shifts them by 0.013 to 0.015.
 _LEAST_SHIFT_PX = 0.01
 #: By how much less chi-square another cause may explain and still be possible.
 _APART = 12.0

@@ -29,8 +29,9 @@ def add_arguments(parser):
         "A frame that was under way when the port "
         "was opened is left out. The exit status is 3 if all of it is there, but not to be used, "
         "and the report then says why: no frame, no light, no valid tables, a laser guard that has "
-        "tripped, no frame whose check is right, no point, or fewer images than wanted. It is 130 "
-        "if the replay of a recording was interrupted.")
+        "tripped, no frame whose check is right, no point, a rig that has moved since it was "
+        "calibrated, or fewer images than wanted. It is 130 if the replay of a recording was "
+        "interrupted.")
     parser.add_argument("source", metavar="PORT|FILE",
                         help="serial device, such as /dev/ttyUSB0, or a recording (link.raw)")
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT",

@@ -1,7 +1,7 @@
-"""``make bench``: speed, accuracy, calibration, lengths, latency, noise, size, link and presets.
+"""``make bench``: speed, accuracy, calibration, lengths, drift, latency, noise, size and more.
 
 ``python -m tb.benchmark.bench PART`` prints one part: ``speed``, ``accuracy``, ``calibration``,
-``measure``, ``page``, ``latency``, ``noise``, ``size``, ``link`` or ``presets``.
+``measure``, ``drift``, ``page``, ``latency``, ``noise``, ``size``, ``link`` or ``presets``.
 """
 
 import sys
@@ -243,6 +243,12 @@ def measure(console):
     console.print(table)
 
 
+def drift(console):
+    """What has moved in a rig, and alarms without a cause in 100,000 frames."""
+    from tb.benchmark.drift import report
+    report(console, 100_000)
+
+
 def page(console):
     """The page of `cyclope view` at 25 pairs a second, drawn without graphics hardware."""
     from tb.benchmark.page import measure as pace
@@ -258,7 +264,7 @@ def page(console):
 
 
 PARTS = {part.__name__: part for part in (
-    speed, accuracy, calibration, measure, page, latency, noise, size, link, presets)}
+    speed, accuracy, calibration, measure, drift, page, latency, noise, size, link, presets)}
 
 
 def main(arguments=None):

@@ -18,7 +18,7 @@ from scripts.results.drift import DriftMonitor
 from scripts.simulation.live_rig import calibrated
 from tb.measure.simulated import measured
 
-__all__ = ["MOVED", "Seen", "follow", "move"]
+__all__ = ["MOVED", "NOISE_PX", "Seen", "follow", "move", "report"]
 
 #: Noise of spots, px: twice that of simulated images of smooth scenes, and that of tissue.
 NOISE_PX = {"polyp": 0.03, "tissue": 0.1}
@@ -112,14 +112,13 @@ def follow(rig, calibration, kind, noise_px, seed, frames=_FRAMES):
     return Seen(first, alarms, state)
 
 
-def main(arguments=None):
+def report(console, many):
+    """Print what is found of moved rigs, and the alarms in so many frames of an unmoved one."""
     from rich.console import Console
     from rich.progress import track
     from rich.table import Table
 
-    arguments = sys.argv[1:] if arguments is None else arguments
-    many = int(arguments[0]) if arguments else 100_000
-    console, progress = Console(), Console(stderr=True)
+    progress = Console(stderr=True)
     table = Table(title="What has moved, from the distances of spots across their lines",
                   title_justify="left")
     for title in ("rig", "scenes", "moved", "found in frame", "named", "amount"):
@@ -143,8 +142,9 @@ def main(arguments=None):
                                    transient=True)]
         console.print(f"unmoved, {kind}: {sum(part.alarms for part in parts)} frames with an alarm "
                       f"of {len(parts) * min(2000, count):,}")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from rich.console import Console
+
+    report(Console(), int(sys.argv[1]) if sys.argv[1:] else 100_000)

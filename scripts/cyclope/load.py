@@ -125,6 +125,9 @@ def main(arguments):
         try:
             for reason in plan.check(commands):
                 print(f"! the laser guard may trip: {reason}.")
+            slow = plan.find_slow_line(commands)
+            if slow is not None:
+                print(f"! {slow}")
             with _bar() as bar:
                 task = bar.add_task("loading and reading back", total=None,
                                     visible=calibration is not None)

@@ -7,7 +7,7 @@ from model.errors import UserError
 from scripts.host.chip import check_chip
 from scripts.host.commands import Commands
 from scripts.host.guard import TIMES, find_trips
-from scripts.host.loading import load, stop, wait_until, write_registers
+from scripts.host.loading import load, points_carried, stop, wait_until, write_registers
 from scripts.host.status import HEARTBEAT
 
 __all__ = ["LoadPlan"]
@@ -73,6 +73,21 @@ class LoadPlan:
         if certain:
             raise UserError(f"The laser guard would trip: {'; '.join(certain)}.")
         return possible
+
+    def find_slow_line(self, commands):
+        """What a line that is too slow for the mesh does to its points; None if it is not."""
+        if self.calibration is None:
+            return None
+        clocks, period_us, full_records = (
+            self.chosen.get(name, commands.read(name))
+            for name in ("divisor", "period_us", "full_records"))
+        beams = len(self.calibration.settings.line)
+        baud = commands.identify()["clock_khz"] * 1000 / clocks
+        carried = points_carried(baud, period_us, full_records)
+        if carried >= beams:
+            return None
+        return (f"at {baud:,.0f} baud the line carries about {carried} of {beams} points in "
+                f"{period_us / 1000:g} ms: the others, found last, are dropped and counted.")
 
     def carry_out(self, commands, progress=None):
         """Change the chip; ``progress`` as for :func:`scripts.host.loading.load`."""

@@ -6,7 +6,11 @@ from hdl.protocol import REMAP, Mode
 from model.errors import UserError
 from scripts.host.chip import REGISTERS
 
-__all__ = ["load", "registers_of", "signed", "stop", "wait_until", "write_registers"]
+__all__ = ["load", "points_carried", "registers_of", "signed", "stop", "wait_until",
+           "write_registers"]
+
+#: Octet times of a frame without points, and of a full packet of points, pauses included.
+_EMPTY_FRAME, _FULL_PACKET = 38, 103
 
 
 def signed(name, value):
@@ -25,6 +29,13 @@ def registers_of(calibration):
     return {**{name: signed(name, value) for name, value in settings.registers().items()},
             "points_max": min(max(REGISTERS["points_max"].reset, beams + beams // 4),
                               (1 << REGISTERS["points_max"].bits) - 1)}
+
+
+def points_carried(baud, period_us, full_records=False):
+    """About how many of a frame's points the line carries in a period, at least 0."""
+    in_packet = 9 if full_records else 19
+    octets = baud / 10 * period_us * 1e-6
+    return max(0, int((octets - _EMPTY_FRAME) * in_packet / _FULL_PACKET))
 
 
 def write_registers(commands, chosen):

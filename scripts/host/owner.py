@@ -199,8 +199,10 @@ class PortOwner:
                         action == "clear", None)
         commands = Commands(self)
         possible = plan.check(commands)
+        slow = plan.find_slow_line(commands)
         plan.carry_out(commands, self._progress)
-        faults = find_faults(plan.settle(commands))
+        faults = [] if slow is None else [slow]
+        faults += find_faults(plan.settle(commands))
         done = {"load": "The calibration is loaded, and the chip is started.",
                 "start": "The chip is started.", "stop": "The chip is stopped, the laser is off.",
                 "single": "The chip takes a pair.", "clear": "The laser guard is cleared.",

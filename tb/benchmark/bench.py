@@ -151,14 +151,30 @@ def _percent(share, digits=3):
 def latency(console):
     """Clocks from a frame's last pixel to its last point, at the Point FIFO."""
     from hdl.config import PRESETS
-    from tb.system.chain import last_point_latency
+    from tb.system.chain import (
+        dense_frame,
+        last_point_latency,
+        spots_at_the_bottom,
+        spots_on_the_last_row,
+    )
     config = PRESETS["capsule"]
     table = _table("From a frame's last pixel to its last point; 64 spots end on the last row",
                    "lanes", "clocks", "limit (7 rows + 1000)", "points")
     for lanes in (config.lanes, 8):
-        clocks, points = last_point_latency(replace(config, lanes=lanes))
+        clocks, points = last_point_latency(
+            replace(config, lanes=lanes), spots_on_the_last_row(config))
         limit = (3 + config.mean_window // 2) * config.width + 1000
         table.add_row(str(lanes), f"{clocks:,}", f"{limit:,}", str(points))
+    console.print(table)
+    table = _table("The same with 361 beams and so many spots; less than 0: before the last pixel",
+                   "spots", "lanes", "clocks", "time", "limit", "points")
+    for spots, depth, image in (
+            ("simulated mesh on a plane", config.spot_depth, dense_frame()),
+            ("all in the lowest 72 rows, queue of 512", 512, spots_at_the_bottom(config, 361))):
+        clocks, points = last_point_latency(
+            replace(config, beams=361, spot_depth=depth), image)
+        table.add_row(spots, str(config.lanes), f"{clocks:,}",
+                      f"{1e3 * clocks / config.clock_hz:.2f} ms", "10 ms", str(points))
     console.print(table)
 
 
@@ -188,19 +204,22 @@ def size(console):
 def link(console):
     """Load of the serial line: points of simulated frames, and texture in the time left over."""
     from tb.benchmark import line_load
-    frames = [frame for frame in line_load.realistic_frames(_SEEDS)
-              if np.count_nonzero(frame.points["status"] == 0) == 49]
-    octets = np.array([line_load.points_octets(frame) for frame in frames])
-    pair = line_load.octets_per_pair()
-    table = _table(f"Octet times of a frame of 49 ok points, gaps included; a pair has {pair:.1f} "
-                   f"at {line_load.BAUD:,} baud", "", "octets", "of the line", "limit")
-    for name, value in (("least", octets.min()), ("mean", octets.mean()), ("most", octets.max())):
-        table.add_row(f"{name} of {len(frames)} frames", f"{value:.1f}",
-                      f"{100 * value / pair:.1f} %", "299" if name == "most" else "")
-    console.print(table)
+    for rig, beams, baud in (("endoscope", 49, line_load.BAUD), ("dense", 361, 1_000_000)):
+        found = [frame for frame in line_load.realistic_frames(_SEEDS, rig)
+                 if np.count_nonzero(frame.points["status"] == 0) == beams]
+        octets = np.array([line_load.points_octets(frame) for frame in found])
+        pair = line_load.octets_per_pair(baud)
+        table = _table(f"Octet times of a frame of {beams} ok points, gaps included; a pair has "
+                       f"{pair:,.1f} at {baud:,} baud", "", "octets", "of the line", "limit")
+        for name, value in (("least", octets.min()), ("mean", octets.mean()),
+                            ("most", octets.max())):
+            table.add_row(f"{name} of {len(found)} frames", f"{value:,.1f}",
+                          f"{100 * value / pair:.1f} %", "65 %" if name == "most" else "")
+        console.print(table)
+        if beams == 49:
+            longest = found[int(octets.argmax())]
     table = _table("Time to send a whole texture of 352 x 288", "together with", "s")
-    for name, frame in (("49 ok points, the longest frame", frames[int(octets.argmax())]),
-                        ("nothing", None)):
+    for name, frame in (("49 ok points, the longest frame", longest), ("nothing", None)):
         table.add_row(name, f"{line_load.refresh_seconds(frame):.1f}")
     console.print(table)
 

@@ -78,11 +78,12 @@ def presets(console):
     table.add_row("external memory, words of 32 bits", "",
                   f"{2 * -(-pixels // 2):,} (display {banks:,} more)")
     table.add_section()
+    image = spots_on_the_last_row(config)
     period, latency = _clocks(PRESETS["paper"], spots_on_the_last_row(PRESETS["paper"]))
     table.add_row("clocks from a frame's first pixel until the next may begin", f"{pixels:,}",
                   f"{period:,}")
     table.add_row("clocks from the last pixel to the last of 64 points",
-                  f"{last_point_latency(config)[0]:,}", f"{latency:,}")
+                  f"{last_point_latency(config, image)[0]:,}", f"{latency:,}")
     for rig in ("endoscope", "demonstrator"):
         table.add_section()
         figures = _depth(rig)

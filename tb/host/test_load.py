@@ -9,13 +9,16 @@ import pytest
 
 from calibration import file
 from hdl.protocol import TABLE_VERSION, Mode
+from model.link.points import PatternFrame
 from scripts.host import load_plan, loading, port
 from scripts.host.chip import REGISTERS
 from scripts.host.commands import Commands
 from scripts.host.guard import find_trips
 from scripts.host.status import HEARTBEAT
 from scripts.simulation.terminal import Terminal
+from tb.benchmark import line_load
 from tb.host.bench import QUICK, commands, load_chip, open_fake, open_rtl, rows, run, said
+from tb.link.frames import near_points
 from tb.system.fake_instrument import FakeInstrument, any_calibration, images
 
 
@@ -245,6 +248,32 @@ def test_the_guard_trips_as_predicted(rig):
             assert patterns(2) == 0
             asking.write("period_us", 60_500)
             assert patterns(4) == HEARTBEAT
+
+
+@pytest.mark.parametrize("baud", [115_200, 1_000_000])
+def test_points_that_the_line_carries(baud):
+    """... are those of a packed frame: nearly as many fit, and a tenth more does not."""
+    def share(count):
+        points = near_points(np.random.default_rng(1), count)
+        points["saturated"] = points["border"] = False
+        points["v"] = 100 << 9
+        frame = PatternFrame(points=points, spots=count)
+        return line_load.points_octets(frame) / line_load.octets_per_pair(baud)
+
+    carried = loading.points_carried(baud, 40_000)
+    assert share(carried * 95 // 100) <= 1 < share(carried * 11 // 10)
+    assert loading.points_carried(baud, 40_000, full_records=True) < carried / 2
+    assert loading.points_carried(1200, 1000) == 0
+
+
+def test_a_line_that_is_too_slow_for_the_mesh(terminal, rig, capsys):
+    load_chip(terminal, rig, "--stop")
+    assert "the line carries" not in capsys.readouterr().out
+    with commands(terminal) as asking:
+        asking.write("divisor", 1200)
+    load_chip(terminal, rig, "--stop")
+    assert re.search(r"! at [\d,]+ baud the line carries about \d of 16 points in 40 ms",
+                     capsys.readouterr().out)
 
 
 def test_single_says_who_receives_it(terminal, rig, capsys):

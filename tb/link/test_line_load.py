@@ -20,6 +20,14 @@ def test_49_points_leave_35_percent_of_the_line(frames):
     assert most <= 299 and most <= 0.65 * octets_per_pair()
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_361_points_leave_35_percent_of_a_line_of_1_mbaud(seed):
+    """At 25 pairs a second, with more long forms than simulated frames have."""
+    points = near_points(np.random.default_rng(seed), 361)
+    octets = points_octets(PatternFrame(points=points, spots=361))
+    assert octets <= 0.65 * octets_per_pair(1_000_000)
+
+
 def test_refresh_of_a_texture(frames):
     """... takes as long as the octets that are left need for its packets."""
     pair = octets_per_pair()

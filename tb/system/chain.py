@@ -10,7 +10,8 @@ from hdl.payloads import GreyPixel, Point
 from tb.native_block import NativeBlock
 from tb.preprocessing.frames import grey_words
 
-__all__ = ["Chain", "last_point_latency", "spots_on_the_last_row"]
+__all__ = ["Chain", "dense_frame", "last_point_latency", "spots_at_the_bottom",
+           "spots_on_the_last_row"]
 
 
 class Chain(wiring.Component):
@@ -51,17 +52,36 @@ def spots_on_the_last_row(config, spots=64):
     return image
 
 
-def last_point_latency(config, spots=64):
-    """Clocks from a frame's last pixel to its last point, all spots ending on the last row.
+def spots_at_the_bottom(config, spots):
+    """A frame with so many spots, as low as they can be told apart: 64 in twelve rows."""
+    image = np.zeros((config.height, config.width), np.uint8)
+    for low in range(0, spots, 64):
+        band = spots_on_the_last_row(config)[-12:]
+        band[:, int(min(spots - low, 64) * config.width / 64):] = 0
+        top = config.height - 12 * (low // 64 + 1)
+        image[top:top + 12] = band
+    return image
+
+
+def dense_frame(seed=1):
+    """A simulated frame of 19 x 19 beams on a plane."""
+    from model.optics import render, scenes
+    from model.optics.rigs import RIGS
+    rng = np.random.default_rng(seed)
+    scene, = scenes.sequence("plane", RIGS["dense"], 1, rng)
+    return render.pattern_frame(RIGS["dense"], scene, rng)[0]
+
+
+def last_point_latency(config, image):
+    """Clocks from the last pixel of ``image`` to its last point, a pixel in every clock.
 
     Returns
     -------
     (clocks, points that came out)
     """
-    image = spots_on_the_last_row(config, spots)
     block = NativeBlock(Chain(config))
     block.reset()
-    beats = block.stream(grey_words(image), idle=40_000)
+    beats = block.stream(grey_words(image), idle=80_000)
     fields = beats.fields(Point)
     last = np.flatnonzero(fields["end"] == 0)[-1]
     return int(beats.clocks[last] - beats.taken[-1]), int(np.count_nonzero(fields["end"] == 0))

@@ -5,7 +5,7 @@ redundant: in a rig that is as it was calibrated it is noise about zero. What mo
 shifts these distances in a pattern over the mesh that follows from the calibration.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,10 @@ _ALARM = 16.0
 _LEAST_SHIFT_PX = 0.01
 #: By how much less chi-square another cause may explain and still be possible.
 _APART = 12.0
+#: Distance in px, RMS, that light of an unmoved rig does not have, and the same in errors of the
+#: calibrated lines. What is left of it by the best cause is due to something else: where a rig has
+#: moved by much, spots are taken for those of other beams.
+_FAR_PX, _FAR_LINES = 0.3, 4.0
 #: Error of a beam's line in px that is assumed at least.
 _LEAST_PX = 0.02
 
@@ -45,7 +49,7 @@ class Drift:
         What that is at most while nothing has moved.
     causes : tuple of :class:`str`
         Names of :data:`CAUSES`: empty while nothing has moved, else the likeliest first, then those
-        that cannot be told from it.
+        that cannot be told from it. ``unknown`` alone: more has moved than these can tell.
     focus : :class:`float`
         Relative change of the focal length, if that is the cause.
     turned_deg : :class:`float`
@@ -68,7 +72,9 @@ class Drift:
             return ""
         words = {"focus": f"the focus has changed by {100 * self.focus:+.2f} %",
                  "turned": f"the projector has turned by {self.turned_deg:.3f} degrees",
-                 "base": f"the projector has moved by {self.base_mm:.3f} mm"}
+                 "base": f"the projector has moved by {self.base_mm:.3f} mm",
+                 "unknown": f"spots lie {self.distance_px:.2f} px beside their lines, more than a "
+                            "small change explains"}
         causes = ", or ".join(words[cause] for cause in self.causes)
         return f"The rig is not as it was calibrated: {causes}; calibrate it again."
 
@@ -157,8 +163,12 @@ class DriftMonitor:
         noise = max(0.0, float((self._square[seen] - count * mean**2).sum() / count.sum()))
         normal = 3 * float(np.hypot(self._line_px, np.sqrt(noise)))
         state = Drift(distance_px, normal)
-        if self._frames < _LEAST_FRAMES or len(count) < _LEAST_BEAMS:
+        far = max(_FAR_PX, _FAR_LINES * self._line_px)
+        square = self._square[seen].sum() / count.sum()
+        if self._frames < _LEAST_FRAMES:
             return state
+        if len(count) < _LEAST_BEAMS:
+            return replace(state, causes=("unknown",)) if square > far**2 else state
         weight = 1 / (self._line_px**2 + noise / count)
         fits = {name: _fit(pattern[:, columns], mean, weight) for name, columns in CAUSES.items()}
         gain, values = _fit(pattern, mean, weight)
@@ -170,6 +180,9 @@ class DriftMonitor:
         causes = sorted((name for name, (gain, _) in fits.items()
                          if gain - len(CAUSES[name]) > best - _APART),
                         key=lambda name: len(CAUSES[name]) - fits[name][0])
+        explained = pattern[:, CAUSES[causes[0]]] @ fits[causes[0]][1]
+        if square - (count @ explained**2) / count.sum() > far**2:
+            return replace(state, causes=("unknown",))
         return Drift(distance_px, normal, tuple(causes), float(fits["focus"][1][0]),
                      float(np.degrees(np.linalg.norm(fits["turned"][1]))),
                      float(np.linalg.norm(fits["base"][1])))

@@ -7,10 +7,12 @@ import pytest
 
 from calibration import file
 from model.optics.rigs import RIGS
+from model.optics.scenes import Plane
 from scripts.host.verdict import find_unusable
 from scripts.results.drift import Drift, DriftMonitor
 from scripts.results.points import POINT
 from tb.benchmark.drift import MOVED, NOISE_PX, follow, move
+from tb.measure.simulated import measured
 from tb.system.fake_instrument import any_calibration
 
 RIG = RIGS["endoscope"]
@@ -43,6 +45,18 @@ def test_nothing_moved(calibration, kind, seed):
     seen = follow(RIG, calibration, kind, NOISE_PX[kind], seed, 400)
     assert not seen.alarms
     assert 0.3 * seen.last.normal_px / 3 < seen.last.distance_px < seen.last.normal_px
+
+
+@pytest.mark.parametrize("beams, seed", [(49, 4), (9, 5)])
+def test_more_than_a_small_change_has_no_name(calibration, beams, seed):
+    """Spots far beside the lines, in no pattern that one cause makes, or of too few beams."""
+    rng = np.random.default_rng(seed)
+    frame = measured(RIG, calibration, Plane(60), rng, 0.03)[:beams]
+    frame["v"] += rng.choice([-0.8, 0.8], len(frame))
+    monitor = DriftMonitor(calibration)
+    states = [monitor.add(frame) for _ in range(20)]
+    assert not states[10].causes and states[-1].causes == ("unknown",)
+    assert "beside their lines, more than a small change explains" in states[-1].sentence
 
 
 def test_few_frames_few_beams_and_no_points_say_nothing(calibration):

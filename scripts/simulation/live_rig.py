@@ -18,8 +18,11 @@ BAUD = 1_000_000
 _SEED = 7
 
 
-def calibrated(rig):
-    """The calibration of a rig, made from its simulated capture the first time."""
+def calibrated(rig, seed=_SEED):
+    """The calibration of a rig, made from its simulated capture the first time.
+
+    ``seed`` is that of the capture's noise.
+    """
     from calibration import calibrate as program
     from calibration import file
     from calibration.capture import read_capture
@@ -28,7 +31,7 @@ def calibrated(rig):
 
     sources = [path for name in ("calibrate.py", "file.py", "tables.py", "lines.py")
                if (path := Path(program.__file__).with_name(name)).exists()]
-    digest = hashlib.sha256(repr(rig).encode())
+    digest = hashlib.sha256(repr((rig, seed)).encode())
     for path in sources:
         digest.update(path.read_bytes())
     path = BUILD / "live" / f"{rig.name}-{digest.hexdigest()[:16]}.json"
@@ -38,7 +41,7 @@ def calibrated(rig):
         except UserError:
             pass
         with tempfile.TemporaryDirectory() as folder:
-            capture.write(Path(folder), "plane", rig, _SEED, frames=1)
+            capture.write(Path(folder), "plane", rig, seed, frames=1)
             result = program.calibrate(read_capture(Path(folder)), program.Options())
         file.save(result.calibration, path)
     return result.calibration

@@ -1,8 +1,9 @@
 """What moves in a rig, and how soon it is noticed: ``python -m tb.benchmark.drift [FRAMES]``.
 
-Spots of simulated scenes are displaced as the moved rig displaces them, with noise, and located
-with the calibration of the unmoved one, which was made from simulated images. So many frames of the
-unmoved rig (100,000 unless said) show how often there is an alarm without a cause.
+Spots of simulated scenes are displaced as the moved rig displaces them, with noise and some that
+are not of their beam, and located with the calibration of the unmoved one, which was made from
+simulated images. So many frames of the unmoved rig (100,000 unless said), located with ten
+calibrations, show how often there is an alarm without a cause.
 """
 
 import sys
@@ -23,6 +24,9 @@ __all__ = ["MOVED", "NOISE_PX", "Seen", "follow", "move", "report"]
 #: Noise of spots, px: twice that of simulated images of smooth scenes, and that of tissue.
 NOISE_PX = {"polyp": 0.03, "tissue": 0.1}
 _FRAMES, _SCENES = 100, 24
+#: Part of the spots that are none of their beam's, and how far they lie beside its line, px.
+_WRONG, _BESIDE_PX = 0.02, 0.8
+_CALIBRATIONS = 10
 
 
 @dataclass(frozen=True)
@@ -105,6 +109,9 @@ def follow(rig, calibration, kind, noise_px, seed, frames=_FRAMES):
     for number in range(frames):
         scene, truth = shown[number % len(shown)]
         points = measured(rig, calibration, scene, rng, noise_px, number, truth=truth)
+        wrong = rng.random(len(points)) < _WRONG
+        points["v"][wrong] += rng.uniform(-_BESIDE_PX, _BESIDE_PX, wrong.sum())
+        points["z"][wrong] *= rng.uniform(0.7, 1.4, wrong.sum())
         state = monitor.add(points) or state
         if state and state.causes:
             first = number if first is None else first
@@ -137,7 +144,8 @@ def report(console, many):
     rig = RIGS["endoscope"]
     for kind, noise_px in NOISE_PX.items():
         count = many // len(NOISE_PX)
-        parts = [follow(rig, calibrated(rig), kind, noise_px, seed, min(2000, count))
+        parts = [follow(rig, calibrated(rig, seed % _CALIBRATIONS), kind, noise_px, seed,
+                        min(2000, count))
                  for seed in track(range(-(-count // 2000)), f"unmoved, {kind}", console=progress,
                                    transient=True)]
         console.print(f"unmoved, {kind}: {sum(part.alarms for part in parts)} frames with an alarm "

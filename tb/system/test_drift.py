@@ -35,6 +35,8 @@ def test_what_moved_is_named(calibration, kind, what):
         assert not seen.alarms
         return
     assert seen.first is not None and cause in seen.last.causes
+    # A shift forwards is like a change of the focus.
+    assert seen.last.causes[0] == cause or what == "base 1 % forwards"
     name, amount, tolerance = AMOUNTS[cause]
     assert abs(abs(getattr(seen.last, name)) - amount) < tolerance
 

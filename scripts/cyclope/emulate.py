@@ -25,9 +25,10 @@ def add_arguments(parser):
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of everything random")
     parser.add_argument("--scenes", type=int, default=12, metavar="N",
                         help="scenes, shown in turn, one for each pair; default: 12")
-    parser.add_argument("--baud", type=int, default=115_200, metavar="N",
-                        help="of the chip's serial line; default: 115200, which leaves out frames "
-                             "of the rig dense: it needs 1000000")
+    from hdl.config import Config
+    parser.add_argument("--baud", type=int, default=Config.baud, metavar="N",
+                        help=f"of the chip's serial line; default: {Config.baud}, which drops "
+                             "points of the rig dense: it needs 1000000")
 
 
 def main(arguments):

@@ -45,10 +45,12 @@ def add_arguments(parser):
                         help="have the chip take one pair of frames, and end when it came")
     parser.add_argument("--seconds", type=float, metavar="S",
                         help="end after so long; in a recording, by the chip's clock")
-    parser.add_argument("--ply", choices=("all", "last"), default="all",
-                        help="points.ply: all frames (default), or the last one that has points")
+    parser.add_argument("--ply", choices=("all", "last", "each"), default="all",
+                        help="points.ply: all frames (default), or the last one that has points; "
+                             "each: points/NNNN.ply in its place, one file a frame")
+    parser.add_argument("--pcd", action="store_true", help="the same as PCD too, for PCL")
     parser.add_argument("--no-doubtful", dest="doubtful", action="store_false",
-                        help="leave doubtful points out of points.ply")
+                        help="leave doubtful points out of these files")
     add_port_arguments(parser)
 
 
@@ -141,8 +143,8 @@ def main(arguments):
     from scripts.cyclope.live_line import LiveLine
     from scripts.host.reception import Reception
     with _open(arguments) as source, _stoppable() as stopped:
-        reception = Reception(arguments.output, calibration, arguments.ply == "last", source.live,
-                              arguments.doubtful)
+        reception = Reception(arguments.output, calibration, source.live, which=arguments.ply,
+                              pcd=arguments.pcd, doubtful=arguments.doubtful)
         try:
             end = Ending(arguments, source, reception)
             live, show = _show_on(Console(stderr=True), LiveLine(arguments.source), source,

@@ -14,7 +14,8 @@ def add_arguments(parser):
     """Declare what ``cyclope surface`` takes."""
     parser.description = (
         "Write the measured surface of the frames of a recording, each to a file of its own: PLY "
-        "with normals, colours and time; GLB (glTF) with the picture on it; or PCD, points only. "
+        "with normals, colours, time and triangles; GLB (glTF) with the picture on it; or PCD, the "
+        "points of the PLY. "
         "They are the files that the page of `cyclope view` downloads. The same recording gives "
         "the same octets.")
     add_recording_arguments(parser)

@@ -8,6 +8,7 @@ import numpy as np
 from hdl.protocol import Command, Reason
 from model.errors import UserError
 from scripts.host.chip import parse_identity
+from scripts.host.clock import ChipClock
 from scripts.host.decoder import Decoder
 from scripts.host.frame_locator import FrameLocator
 from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
@@ -101,7 +102,7 @@ class History:
         self._snapshots = {}  # by position
         self._now = _Texture(calibration.height, calibration.width)
         self._announced, self._early = {}, []
-        self._begin_us, self._seconds = None, 0.0
+        self._clock = ChipClock()
 
     def take(self, event, points=None, lost=0, drift=None):
         """Take an event of the decoder; of a frame with its rows, the packets lost so far, and
@@ -111,7 +112,8 @@ class History:
                 with self._lock:
                     self._add(event, points, lost, drift)
         elif isinstance(event, TextureFrame):
-            self._announced[event.index] = None if event.laser else self._time(event)
+            seconds = self._clock(event)
+            self._announced[event.index] = None if event.laser else seconds
             if len(self._announced) > _REMEMBERED:
                 del self._announced[min(self._announced)]
             self._settle()
@@ -175,21 +177,13 @@ class History:
             state.add(piece, seconds)
         return state.grey, state.when
 
-    def _time(self, event):
-        """Seconds of an event by the chip's clock."""
-        if event.timestamp_us:
-            if self._begin_us is None:
-                self._begin_us = event.timestamp_us
-            self._seconds = max(self._seconds, (event.timestamp_us - self._begin_us) / 1e6)
-        return self._seconds
-
     def _add(self, frame, points, lost, drift):
         # The frame's own points are in the rows: no need to keep them twice.
         plain = Frame(**{**vars(frame), "points": frame.points[:0]})
         pieces = self._first_piece + len(self._pieces)
         if self.count % _SNAPSHOT == 0:
             self._snapshots[self.count] = self._now.copy()
-        self._moments.append(Moment(plain, points, self._time(frame), lost, pieces, drift))
+        self._moments.append(Moment(plain, points, self._clock(frame), lost, pieces, drift))
         self._positions[frame.index] = self.count
         self.count += 1
         self._rows += len(points)

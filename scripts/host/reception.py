@@ -26,12 +26,10 @@ class Reception:
         Folder to create, or an empty one.
     calibration : :class:`calibration.file.Calibration` or None
         What the chip was loaded with.
-    last_only : :class:`bool`
-        As of :class:`scripts.host.recorder.Recorder`.
     live : :class:`bool`
         The octets are nowhere else.
-    doubtful : :class:`bool`
-        As of :class:`scripts.host.recorder.Recorder`.
+    clouds
+        What :class:`scripts.host.recorder.Recorder` has to know of the point clouds.
 
     Attributes
     ----------
@@ -41,8 +39,7 @@ class Reception:
         What was made of them.
     """
 
-    def __init__(self, path, calibration=None, last_only=False, live=True,
-                 doubtful=True):
+    def __init__(self, path, calibration=None, live=True, **clouds):
         rebuild = calibration and Rebuilder(
             calibration.settings, calibration.width, calibration.height)
         self._live = live
@@ -51,7 +48,7 @@ class Reception:
         self._link = self.recorder = None
         try:
             self._link = LinkFile(self.folder / "link.raw", sync=live)
-            self.recorder = Recorder(self.folder, calibration, last_only, doubtful)
+            self.recorder = Recorder(self.folder, calibration, **clouds)
         except BaseException:
             self._remove()
             raise

@@ -8,10 +8,11 @@ import numpy as np
 from hdl.protocol import Command, Reason
 from model.errors import UserError
 from scripts.host.chip import check_chip, parse_identity, parse_status
+from scripts.host.clock import ChipClock
 from scripts.host.frame_locator import NAMES, FrameLocator
 from scripts.host.image_assembly import ImageAssembly
 from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
-from scripts.results.cloud import PointCloud
+from scripts.results.cloud import CloudFiles
 from scripts.results.outputs import TIMED_CSV_HEADER, csv_line, whole_file
 from scripts.results.points import DOUBTFUL, DUPLICATE, OK
 from scripts.results.row_file import RowFile
@@ -40,7 +41,8 @@ class Recorder:
     """Writes tables, points and images into a folder as events come; a context manager.
 
     ``points.csv`` and ``frames.csv`` grow with each :meth:`flush`, and so do the folders of
-    complete images; ``points.ply`` and the last state of the images come with :meth:`finish`.
+    complete images and of frames' point clouds; ``points.ply`` and the last state of the images
+    come with :meth:`finish`.
 
     A frame in whose middle the recording starts is left out.
 
@@ -50,10 +52,10 @@ class Recorder:
         Exists.
     calibration : :class:`calibration.file.Calibration` or None
         What the chip was loaded with.
-    last_only : :class:`bool`
-        ``points.ply`` has the last frame with points only, not all frames.
+    which, pcd
+        Of the point clouds, as of :class:`scripts.results.cloud.CloudFiles`.
     doubtful : :class:`bool`
-        ``points.ply`` has the doubtful points too.
+        The point clouds have the doubtful points too.
 
     Attributes
     ----------
@@ -82,14 +84,11 @@ class Recorder:
         What makes points of frames.
     identity, status : :class:`dict` or None
         What the chip replied to IDENTIFY, and last to STATUS.
-    written : set of :class:`~pathlib.Path`
-        Files and folders that were created.
     """
 
-    def __init__(self, folder, calibration=None, last_only=False, doubtful=True):
-        self.folder, self.calibration, self.last_only = Path(folder), calibration, last_only
-        self.doubtful = doubtful
-        self.locate = FrameLocator(calibration)
+    def __init__(self, folder, calibration=None, which="all", doubtful=True, pcd=False):
+        self.folder, self.calibration, self.doubtful = Path(folder), calibration, doubtful
+        self.locate, self._clock = FrameLocator(calibration), ChipClock()
         self.frames = self.points = self.unverified = 0
         self.verified = self.lit = self.tabled = self.tripped = self.reported = 0
         self.last = self.located = self.identity = self.status = self.drift = None
@@ -100,15 +99,20 @@ class Recorder:
         self.orphans = 0
         self._lit = {}  # of the last texture frames, by index
         self._early = []  # fragments that came before their frame was announced
-        self.written = set()
+        self._written = set()
         try:
             self._points = self._table("points.csv", TIMED_CSV_HEADER + "\n")
             self._frames = self._table("frames.csv", _FRAMES_HEADER)
-            self._cloud = PointCloud(self.folder, size or (0, 0))
+            self._clouds = CloudFiles(self.folder, which, pcd)
         except BaseException:
-            for path in self.written:
+            for path in self._written:
                 path.unlink()
             raise
+
+    @property
+    def written(self):
+        """Files and folders that were created."""
+        return self._written | self._clouds.written
 
     def take(self, event):
         """Write what an event of the decoder contains.
@@ -122,6 +126,7 @@ class Recorder:
             if not event.joined:
                 self._frame(event)
         elif isinstance(event, TextureFrame):
+            self._clock(event)
             self.tripped += event.tripped
             self._lit[event.index] = event.laser
             if len(self._lit) > _REMEMBERED:
@@ -147,8 +152,8 @@ class Recorder:
         self.flush()
         for kind in sorted(self.seen):
             self._write_image(kind, self.folder / f"{kind}.png")
-        self._cloud.write(self.folder / "points.ply", self.images["texture"])
-        self.written.add(self.folder / "points.ply")
+        texture = self.images["texture"]
+        self._clouds.finish(texture.image, texture.came)
 
     def close(self):
         """Flush the tables, and write no more."""
@@ -156,7 +161,7 @@ class Recorder:
             self._points.close()
         finally:
             self._frames.close()
-            self._cloud.close()
+            self._clouds.close()
 
     def __enter__(self):
         return self
@@ -166,7 +171,7 @@ class Recorder:
 
     def _table(self, name, header):
         table = RowFile(self.folder / name, header)
-        self.written.add(table.path)
+        self._written.add(table.path)
         return table
 
     def _add_early(self):
@@ -186,9 +191,9 @@ class Recorder:
             self.seen.add(kind)
         if complete:
             folder = self.folder / kind
-            if folder not in self.written:
+            if folder not in self._written:
                 folder.mkdir()
-                self.written.add(folder)
+                self._written.add(folder)
             self._write_image(kind, folder / f"{fragment.index:04}.png")
             self.complete[kind] += 1
 
@@ -199,7 +204,7 @@ class Recorder:
         assert done
         with whole_file(path) as file:
             file.write(data.tobytes())
-        self.written.add(path)
+        self._written.add(path)
 
     def _row(self, event, kind, counts, check, lost, found):
         flags = " ".join(name for name in _FLAGS if getattr(event, name))
@@ -244,9 +249,8 @@ class Recorder:
         self.points += int(np.count_nonzero(points["status"] == OK))
         located = points[~np.isnan(points["z"])
                          & (self.doubtful | (points["status"] != DOUBTFUL))]
-        if self.last_only and len(located):
-            self._cloud.clear()
-        self._cloud.add(located)
+        texture, columns = self.images["texture"], self.calibration and self.calibration.columns
+        self._clouds.add(located, columns, self._clock(frame), texture.image, texture.came)
 
     def _reply(self, reply):
         if reply.reason != Reason.OK:

@@ -5,24 +5,27 @@ import struct
 
 import numpy as np
 
-from scripts.measure.mesh import vertex_normals
+from scripts.results.cloud import (
+    UNKNOWN,
+    grey_at,
+    pcd_head,
+    pcd_lines,
+    ply_head,
+    ply_lines,
+    vertices,
+)
+from scripts.results.mesh import vertex_normals
 
 __all__ = ["FORMATS", "glb", "pcd", "ply"]
 
-#: Grey of points whose pixel never came.
-_UNKNOWN = 128
 
-
-def _grey(surface, texture, came):
-    """Grey value of each point."""
-    height, width = texture.shape
-    row = np.clip(np.rint(surface.points["v"]).astype(int), 0, height - 1)
-    column = np.clip(np.rint(surface.points["u"]).astype(int), 0, width - 1)
-    return np.where(came[row, column], texture[row, column], _UNKNOWN).astype(int)
+def _rows(surface, texture, came, seconds):
+    return vertices(surface.points, surface.triangle, grey_at(surface.points, texture, came),
+                    seconds)
 
 
 def ply(surface, texture, came, seconds):
-    """Points with normals, colours, beam and time, and the triangles between them, as text.
+    """The points as in points.ply, and the triangles between them, as text.
 
     Parameters
     ----------
@@ -35,36 +38,16 @@ def ply(surface, texture, came, seconds):
     seconds : :class:`float`
         The frame's time.
     """
-    normals = vertex_normals(surface.xyz, surface.triangle)
-    grey = _grey(surface, texture, came)
-    lines = ["ply", "format ascii 1.0", f"comment cyclope, surface of frame {surface.frame}",
-             "comment unit mm; x right, y down, z along the optical axis, camera at the origin",
-             f"element vertex {len(surface.xyz)}",
-             *(f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")),
-             *(f"property uchar {name}" for name in ("red", "green", "blue")),
-             "property ushort beam", "property double time",
-             f"element face {len(surface.triangle)}", "property list uchar int vertex_indices",
-             "end_header"]
-    for xyz, normal, value, beam in zip(surface.xyz, normals, grey, surface.points["beam"],
-                                        strict=True):
-        numbers = " ".join(f"{number:.4f}" for number in (*xyz, *(normal + 0.0)))
-        lines.append(f"{numbers} {value} {value} {value} {beam} {seconds:.6f}")
-    lines += [f"3 {a} {b} {c}" for a, b, c in surface.triangle]
-    return ("\n".join(lines) + "\n").encode()
+    rows = _rows(surface, texture, came, seconds)
+    faces = "".join(f"3 {a} {b} {c}\n" for a, b, c in surface.triangle)
+    return (ply_head(len(rows), f"frame {surface.frame}", len(surface.triangle))
+            + ply_lines(rows) + faces).encode()
 
 
 def pcd(surface, texture, came, seconds):
-    """The points with intensity, beam and time, as a PCD text; arguments as for :func:`ply`."""
-    count = len(surface.xyz)
-    lines = [f"# cyclope, points of frame {surface.frame}, mm", "VERSION 0.7",
-             "FIELDS x y z intensity beam time", "SIZE 4 4 4 4 4 8", "TYPE F F F F U F",
-             "COUNT 1 1 1 1 1 1", f"WIDTH {count}", "HEIGHT 1", "VIEWPOINT 0 0 0 1 0 0 0",
-             f"POINTS {count}", "DATA ascii"]
-    for xyz, value, beam in zip(surface.xyz, _grey(surface, texture, came),
-                                surface.points["beam"], strict=True):
-        lines.append(" ".join([*(f"{number:.4f}" for number in xyz), str(value), str(beam),
-                               f"{seconds:.6f}"]))
-    return ("\n".join(lines) + "\n").encode()
+    """The points as PCD, the same fields as in the PLY; arguments as for :func:`ply`."""
+    rows = _rows(surface, texture, came, seconds)
+    return (pcd_head(len(rows), f"frame {surface.frame}") + pcd_lines(rows)).encode()
 
 
 class _Buffer:
@@ -109,7 +92,7 @@ def glb(surface, texture, came, seconds):
             "indices": buffer.accessor(surface.triangle.astype(np.uint32).ravel(), "SCALAR",
                                        34963),
             "material": 0}
-        shown = np.where(came, texture, _UNKNOWN).astype(np.uint8)
+        shown = np.where(came, texture, UNKNOWN).astype(np.uint8)
         done, data = cv2.imencode(".png", shown, [cv2.IMWRITE_PNG_COMPRESSION, 6])
         assert done
         picture = buffer.add(data.tobytes())

@@ -6,8 +6,8 @@ import numpy as np
 
 from model.errors import UserError
 from scripts.measure.kriging import Kriging
-from scripts.measure.mesh import triangles
 from scripts.results.drift import beam_lines, line_distance
+from scripts.results.mesh import triangles
 from scripts.results.points import OK
 
 __all__ = ["Picked", "Surface"]
@@ -63,7 +63,7 @@ class Surface:
     inverse : array (n,)
         1/z in 1/mm.
     triangle : array (m, 3) of :class:`int`
-        See :func:`scripts.measure.mesh.triangles`.
+        See :func:`scripts.results.mesh.triangles`.
     noise_px : :class:`float`
         Standard deviation of a spot's place along its line, from the spots' distances across.
     """

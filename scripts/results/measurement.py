@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.text import Text
 
 from scripts.results.accuracy import compare
-from scripts.results.outputs import CSV_HEADER, csv_line, take_folder, write_ply
+from scripts.results.cloud import write_ply
+from scripts.results.outputs import CSV_HEADER, csv_line, take_folder
 from scripts.results.overlay import beam_segments, draw_frame, write_picture
 from scripts.results.points import DOUBTFUL, POINT
 from scripts.results.row_file import RowFile
@@ -160,7 +161,7 @@ def write_rest(folder, measurement, calibration, source, truth=None, pictures=Tr
     points = _shown(points, doubtful)
     with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as part:
         part = Path(part)
-        write_ply(part / "points.ply", points, source)
+        write_ply(part / "points.ply", points, calibration.columns, source)
         if pictures:
             from scripts.results.report_plots import plot_cloud, plot_error
             plot_cloud(part / "point_cloud.png", points, calibration.columns)

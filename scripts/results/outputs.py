@@ -13,7 +13,7 @@ from model.errors import UserError
 from scripts.results.points import STATUS
 
 __all__ = ["CSV_HEADER", "TIMED_CSV_HEADER", "check_folder", "csv_line", "new_folder",
-           "ply_header", "ply_line", "take_folder", "whole_file", "write_csv", "write_ply"]
+           "take_folder", "whole_file", "write_csv"]
 
 CSV_HEADER = "frame,beam,u_px,v_px,area_px,x_mm,y_mm,z_mm,status,saturated,border"
 #: Where frames have a time.
@@ -173,57 +173,3 @@ def write_csv(path, points):
         file.write(CSV_HEADER + "\n")
         for point in points:
             file.write(csv_line(point))
-
-
-def ply_header(points, source, intensity=True):
-    """Everything before the first point.
-
-    Parameters
-    ----------
-    points : :class:`int`
-        How many follow.
-    source : :class:`str`
-        What was measured, for a comment.
-    intensity : :class:`bool`
-        Points have an intensity.
-    """
-    printable = source.encode("ascii", "replace").decode().replace("\n", " ")
-    return "\n".join([
-        "ply", "format ascii 1.0",
-        f"comment cyclope, points measured in {printable}",
-        "comment unit mm; x right, y down, z along the optical axis, camera at the origin",
-        "comment beam = row * columns + column of the laser mesh; status "
-        + " ".join(f"{code} {name}" for code, name in enumerate(STATUS)),
-        *(["comment intensity is the grey value of the image at the spot"] if intensity else []),
-        f"element vertex {points}",
-        "property float x", "property float y", "property float z",
-        "property ushort beam", "property int frame", "property uchar status",
-        *(["property uchar intensity"] if intensity else []), "end_header", ""])
-
-
-def ply_line(point, intensity=True):
-    """A point that has coordinates, with or without its intensity."""
-    grey = f" {point['intensity']}" if intensity else ""
-    return (f"{point['x']:.4f} {point['y']:.4f} {point['z']:.4f} {point['beam']} "
-            f"{point['frame']} {point['status']}{grey}\n")
-
-
-def write_ply(path, points, source):
-    """``points.ply``: the points that have coordinates, as text.
-
-    Parameters
-    ----------
-    path : path
-        File to write.
-    points : array of :data:`scripts.results.points.POINT`
-        Spots; those without coordinates are left out.
-    source : :class:`str`
-        What was measured, for a comment.
-    """
-    located = points[~np.isnan(points["z"])]
-    frames = np.unique(located["frame"])
-    span = f"{len(frames)} frames, {frames[0]} to {frames[-1]}" if len(frames) else "no frame"
-    with open(path, "w", newline="\n") as file:
-        file.write(ply_header(len(located), f"{source} ({span})"))
-        for point in located:
-            file.write(ply_line(point))

@@ -245,4 +245,4 @@ def test_frames_of_years(rig, tmp_path):
                                 verified=True, flags=0x48))
         recorder.finish()
     assert [row["frame"] for row in rows(tmp_path / "points.csv")] == [str(2**31), str(2**40)]
-    assert f" {2**40} 0" in (tmp_path / "points.ply").read_text()
+    assert f" {2**40} 0 " in (tmp_path / "points.ply").read_text()

@@ -13,10 +13,14 @@ import pytest
 
 from calibration import file
 from scripts.cyclope import live_line
+from scripts.host.history import read_history
 from scripts.host.image_assembly import ImageAssembly
 from scripts.host.messages import POINT, Frame
 from scripts.host.recorder import MISMATCH
+from scripts.measure.formats import ply
+from scripts.measure.surface import Surface
 from scripts.results.drift import Drift
+from scripts.results.points import OK
 from tb.host.bench import (
     QUICK,
     TEXTURE,
@@ -31,6 +35,7 @@ from tb.host.bench import (
     spots_sent,
     truth,
 )
+from tb.host.clouds import read_pcd, read_ply
 from tb.system.fake_instrument import any_calibration, images
 
 
@@ -65,8 +70,7 @@ def test_load_run_receive_replay(each_terminal, rig, tmp_path, capsys):
     assert len(got) > 100 and [row[:8] for row in got] == wanted
     at = {row["number"]: row["timestamp_us"] for row in patterns}
     assert {(row["frame"], row["time_us"]) for row in rows(out / "points.csv")} <= set(at.items())
-    header = (out / "points.ply").read_text().split("end_header\n")
-    assert f"element vertex {len(got)}" in header[0] and header[1].count("\n") == len(got)
+    assert len(read_ply((out / "points.ply").read_bytes())[0]["x"]) == len(got)
     textures = sorted((out / "texture").iterdir())
     assert len(textures) >= 3
     for picture in [*textures, out / "texture.png"]:
@@ -238,9 +242,9 @@ def test_last_frame_only(terminal, rig, tmp_path):
     out = tmp_path / "out"
     assert run("receive", terminal.path, "--calibration", rig[1], "-o", out, "--frames", "12",
                "--ply", "last") == 0
-    body = (out / "points.ply").read_text().split("end_header\n")[1].splitlines()
+    found, _ = read_ply((out / "points.ply").read_bytes())
     last = [row for row in rows(out / "points.csv") if row["z_mm"]][-1]["frame"]
-    assert body and {line.split()[4] for line in body} == {last}
+    assert set(found["frame"]) == {int(last)}
 
 
 def test_compact_points_need_a_calibration(terminal, rig, tmp_path, capsys):
@@ -380,22 +384,55 @@ def test_a_texture_needs_no_light(terminal, tmp_path, capsys):
     assert np.array_equal(picture, TEXTURE)
 
 
-def test_intensities_are_those_of_the_texture(terminal, rig, tmp_path):
-    """Of the last one; where it lacks the pixel of any point there are none, rather than zeros."""
+def _by_frame(found):
+    """Columns of each frame, by its number."""
+    return {int(frame): {name: column[found["frame"] == frame] for name, column in found.items()}
+            for frame in np.unique(found["frame"])}
+
+
+def test_point_clouds_are_what_is_shown(terminal, rig, tmp_path):
+    """Colour, normal and time of each point, in all files; replayed, the same octets again."""
     load_chip(terminal, rig)
     out = tmp_path / "out"
-    assert run("receive", terminal.path, "--calibration", rig[1], "-o", out, "--frames", "30") == 0
-    header, body = (out / "points.ply").read_text().split("end_header\n")
-    assert "property uchar intensity" in header
+    assert run("receive", terminal.path, "--calibration", rig[1], "-o", out, "--frames", "30",
+               "--pcd") == 0
+    found, faces = read_ply((out / "points.ply").read_bytes())
+    assert not len(faces)
     where = [row for row in rows(out / "points.csv") if row["z_mm"]]
-    for line, row in zip(body.splitlines(), where, strict=True):
-        u, v = round(float(row["u_px"])), round(float(row["v_px"]))
-        assert line.split()[:5] == [row[name] for name in ("x_mm", "y_mm", "z_mm", "beam", "frame")]
-        assert int(line.split()[6]) == TEXTURE[v, u]
-    assert run("receive", out / "link.raw", "--calibration", rig[1], "-o", tmp_path / "short",
-               "--frames", "3") == 0
-    header, body = (tmp_path / "short" / "points.ply").read_text().split("end_header\n")
-    assert "intensity" not in header and body and len(body.splitlines()[0].split()) == 6
+    for name, kind in (("x", "x_mm"), ("y", "y_mm"), ("z", "z_mm"), ("beam", "beam"),
+                       ("frame", "frame")):
+        assert np.allclose(found[name], [float(row[kind]) for row in where], atol=1e-5)
+    time_us = np.array([int(row["time_us"]) for row in where])
+    assert len(set(np.round(found["time"] * 1e6) - time_us)) == 1
+    # Grey until the pixel came, then the texture's.
+    u, v = (np.array([round(float(row[name])) for row in where]) for name in ("u_px", "v_px"))
+    came = found["red"] == TEXTURE[v, u]
+    assert ((found["red"] == 128) | came).all() and came[-1] and not came.all()
+    history = read_history(out / "link.raw", rig[0])
+    for frame, shown in _by_frame(found).items():
+        position = history.position(frame)
+        moment, (grey, when) = history.moment(position), history.texture(position)
+        same, _ = read_ply(ply(Surface(moment.points, rig[0]), grey, np.isfinite(when),
+                               moment.seconds))
+        order = np.argsort(shown["beam"], kind="stable")
+        ok = order[shown["status"][order] == OK]
+        for name, column in same.items():
+            assert np.array_equal(column, shown[name][ok]), (frame, name)
+    cloud = read_pcd((out / "points.pcd").read_bytes())
+    assert all(np.array_equal(cloud[name], column) for name, column in found.items())
+
+    words = ["receive", out / "link.raw", "--calibration", rig[1], "--pcd", "-o"]
+    assert run(*words, tmp_path / "again") == 0
+    assert contents(out) == contents(tmp_path / "again")
+    for name in ("one", "two"):
+        assert run(*words, tmp_path / name, "--ply", "each") == 0
+    each = contents(tmp_path / "one")
+    assert each == contents(tmp_path / "two") and "points.ply" not in each
+    for frame, shown in _by_frame(found).items():
+        single, _ = read_ply(each[f"points/{frame:04}.ply"])
+        cloud = read_pcd(each[f"points/{frame:04}.pcd"])
+        for name, column in shown.items():
+            assert np.array_equal(single[name], column) and np.array_equal(cloud[name], column)
 
 
 def test_an_interrupted_replay(terminal, rig, tmp_path, capsys, monkeypatch):

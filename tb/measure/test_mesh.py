@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from scripts.measure.mesh import STEEPEST, triangles, vertex_normals
+from scripts.results.mesh import STEEPEST, triangles, vertex_normals
 
 
 def mesh(rows=3, columns=3, pitch=0.04, depth=50.0):

@@ -21,6 +21,7 @@ from scripts.paths import ROOT
 from scripts.results import accuracy, demo_figures, frames, measure, measurement, overlay
 from scripts.results.points import POINT, STATUS
 from scripts.simulation import library as native
+from tb.host.clouds import read_ply
 from tb.system.conftest import CACHE
 
 
@@ -78,17 +79,20 @@ def test_table_and_cloud_agree(measured, prepared):
         assert all(coordinates) if located else not any(coordinates)
         assert bool(row["beam"]) == (located or row["status"] == "duplicate")
         assert 0 <= float(row["u_px"]) <= 351 and 0 <= float(row["v_px"]) <= 287
-    header, body = (measured / "points.ply").read_text().split("end_header\n")
-    assert header.startswith("ply\nformat ascii 1.0\n") and "unit mm" in header
+    octets = (measured / "points.ply").read_bytes()
+    assert b"comment unit mm" in octets
     located = [row for row in rows if row["z_mm"]]
-    assert f"element vertex {len(located)}" in header
-    properties = [line.split()[-1] for line in header.splitlines() if line.startswith("property")]
-    assert properties == ["x", "y", "z", "beam", "frame", "status", "intensity"]
-    points = [line.split() for line in body.splitlines()]
-    assert [point[:5] for point in points] == [
-        [row[name] for name in ("x_mm", "y_mm", "z_mm", "beam", "frame")] for row in located]
-    assert [STATUS[int(point[5])] for point in points] == [row["status"] for row in located]
-    assert all(0 < int(point[6]) < 256 for point in points)
+    found, _ = read_ply(octets)
+    assert list(found) == ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "beam",
+                           "frame", "status"]
+    for name, column in (("x", "x_mm"), ("y", "y_mm"), ("z", "z_mm"), ("beam", "beam"),
+                         ("frame", "frame")):
+        assert np.allclose(found[name], [float(row[column]) for row in located], atol=1e-5)
+    assert [STATUS[status] for status in found["status"]] == [row["status"] for row in located]
+    assert (found["red"] > 0).all() and (found["red"] == found["blue"]).all()
+    length = np.linalg.norm([found[name] for name in ("nx", "ny", "nz")], axis=0)
+    assert (np.isclose(length, 1, atol=1e-3) | (length == 0)).all() and (length > 0).mean() > 0.9
+    assert (found["nz"] <= 0).all()
 
 
 def test_points_project_onto_their_spots(measured, prepared):
@@ -179,14 +183,14 @@ def test_what_is_not_used_is_named(prepared, tmp_path, capsys):
     assert notes[0].startswith("frames are numbered by their position in the sorted list")
 
 
-def test_texture_gives_the_intensity(prepared, tmp_path):
+def test_texture_gives_the_colour(prepared, tmp_path):
     image = np.full((288, 352), 77, np.uint8)
     shutil.copy(frames_of(prepared[0])[0], tmp_path / "0004_ir.png")
     cv2.imwrite(str(tmp_path / "0004_texture.png"), image)
     assert model(prepared, tmp_path, tmp_path / "out") == 0
-    body = (tmp_path / "out" / "points.ply").read_text().split("end_header\n")[1].splitlines()
-    assert len(body) > 30
-    assert {tuple(line.split()[i] for i in (4, 6)) for line in body} == {("4", "77")}
+    found, _ = read_ply((tmp_path / "out" / "points.ply").read_bytes())
+    assert len(found["x"]) > 30
+    assert set(found["frame"]) == {4} and set(found["green"]) == {77}
 
 
 @pytest.mark.parametrize("grey, note", [(0, "all black"), (255, "all white"), (9, "no spot")])

@@ -10,6 +10,16 @@ import pytest
 from model.optics.scenes import Plane
 from scripts.measure.formats import glb, pcd, ply
 from scripts.measure.surface import Surface
+from scripts.results.cloud import (
+    CloudFiles,
+    grey_at,
+    ply_head,
+    ply_lines,
+    surface_triangles,
+    vertices,
+)
+from scripts.results.points import DOUBTFUL, OK
+from tb.host.clouds import read_pcd, read_ply
 from tb.view.bench import history_of
 
 
@@ -22,30 +32,58 @@ def frame():
 
 
 def test_ply(frame):
-    surface = frame[0]
-    head, _, body = ply(*frame).decode().partition("end_header\n")
-    lines = body.splitlines()
-    count = len(surface.xyz)
-    assert f"element vertex {count}\n" in head and f"element face {len(surface.triangle)}\n" in head
-    assert head.count("property") == 12
-    vertices = np.array([line.split() for line in lines[:count]], float)
-    faces = np.array([line.split() for line in lines[count:]], int)
-    assert np.allclose(vertices[:, :3], surface.xyz, atol=1e-4)
-    assert np.allclose(np.linalg.norm(vertices[:, 3:6], axis=1), 1, atol=1e-3)
+    surface, grey, *_ = frame
+    found, faces = read_ply(ply(*frame))
+    assert list(found) == ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "beam",
+                           "frame", "status", "time"]
+    assert np.allclose(np.stack([found[name] for name in "xyz"], axis=1), surface.xyz, atol=1e-4)
+    normals = np.stack([found[name] for name in ("nx", "ny", "nz")], axis=1)
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-3)
     # The plane's normal, towards the camera.
-    assert np.allclose(vertices[:, 3:6], -Plane(60, 20, 20).normal, atol=0.05)
-    assert set(vertices[:, 6]) <= {90.0, 160.0} and (vertices[:, 6] == vertices[:, 8]).all()
-    assert (vertices[:, 9] == surface.points["beam"]).all() and (vertices[:, 10] == 1.25).all()
-    assert (faces[:, 0] == 3).all() and np.array_equal(faces[:, 1:], surface.triangle)
+    assert np.allclose(normals, -Plane(60, 20, 20).normal, atol=0.05)
+    seen = grey[np.rint(surface.points["v"]).astype(int), np.rint(surface.points["u"]).astype(int)]
+    assert set(seen) == {90, 160}
+    for name in ("red", "green", "blue"):
+        assert (found[name] == seen).all()
+    assert (found["beam"] == surface.points["beam"]).all()
+    assert (found["frame"] == 10).all() and (found["status"] == OK).all()
+    assert (found["time"] == 1.25).all() and np.array_equal(faces, surface.triangle)
 
 
-def test_pcd(frame):
-    lines = pcd(*frame).decode().splitlines()
-    head = dict(line.split(" ", 1) for line in lines[1:11])
-    assert head["POINTS"] == head["WIDTH"] == str(len(frame[0].xyz)) and head["DATA"] == "ascii"
-    rows = np.array([line.split() for line in lines[11:]], float)
-    assert rows.shape == (len(frame[0].xyz), len(head["FIELDS"].split()))
-    assert np.allclose(rows[:, :3], frame[0].xyz, atol=1e-4)
+def test_pcd_has_the_same_fields(frame):
+    (wanted, _), found = read_ply(ply(*frame)), read_pcd(pcd(*frame))
+    assert list(found) == list(wanted)
+    for name, column in wanted.items():
+        assert np.array_equal(found[name], column) and found[name].itemsize == column.itemsize
+
+
+def test_points_beside_the_surface_have_no_normal(frame):
+    """Neither doubtful ones nor those without neighbours; all that is written is finite."""
+    surface, grey, came, _ = frame
+    beam = surface.points["beam"]
+    points = surface.points[np.isin(beam, (0, 16)) | (beam > 27)]
+    points["status"][9] = DOUBTFUL
+    rows = vertices(points, surface_triangles(points, surface.calibration.columns),
+                    grey_at(points, grey, came))
+    bare = (rows["nx"] == 0) & (rows["ny"] == 0) & (rows["nz"] == 0)
+    assert np.flatnonzero(bare).tolist() == [0, 1, 9] and rows["status"][9] == DOUBTFUL
+    found, _ = read_ply((ply_head(len(rows), "test") + ply_lines(rows)).encode())
+    assert np.allclose(found["nz"], rows["nz"], atol=1e-4)
+
+
+def test_a_frame_gets_the_picture_that_comes_after_it(frame, tmp_path):
+    """Until the next frame comes: as with a single pair, whose texture is second."""
+    surface, grey, came, _ = frame
+    later, nothing = surface.points.copy(), np.zeros_like(came)
+    later["frame"] += 2
+    clouds = CloudFiles(tmp_path)
+    for points in (surface.points, later):
+        clouds.add(points, surface.calibration.columns, 0.0, grey, nothing)
+    clouds.finish(grey, came)
+    clouds.close()
+    found, _ = read_ply((tmp_path / "points.ply").read_bytes())
+    assert set(found["red"][found["frame"] == 10]) == {128}
+    assert set(found["red"][found["frame"] == 12]) == {90, 160}
 
 
 def parts(octets):
@@ -91,8 +129,9 @@ def test_glb(frame):
 def test_a_frame_without_surface_is_a_file_too(frame):
     surface, grey, came, seconds = frame
     empty = Surface(surface.points[:0], surface.calibration)
-    assert b"element vertex 0\n" in ply(empty, grey, came, seconds)
-    assert b"POINTS 0\n" in pcd(empty, grey, came, seconds)
+    columns, faces = read_ply(ply(empty, grey, came, seconds))
+    assert not len(columns["x"]) and not len(faces)
+    assert not len(read_pcd(pcd(empty, grey, came, seconds))["x"])
     assert "meshes" not in parts(glb(empty, grey, came, seconds))[0]
     nothing = np.zeros_like(came)
-    assert b" 128 128 128 " in ply(surface, grey, nothing, seconds)
+    assert set(read_ply(ply(surface, grey, nothing, seconds))[0]["green"]) == {128}

@@ -6,6 +6,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from ..payloads import AREA_LIMIT, MaskPixel, Spot
+from ..protocol import SENSOR_PIXELS
 from .features import Features, empty, merge, of_pixel
 
 __all__ = ["Labelling"]
@@ -98,7 +99,7 @@ class Labelling(wiring.Component):
     Parameters
     ----------
     width, height : :class:`int`
-        Size of a frame, up to 512 x 512.
+        Size of a frame, up to 1024 x 1024.
 
     Members
     -------
@@ -118,10 +119,12 @@ class Labelling(wiring.Component):
     latency = 3
 
     def __init__(self, width, height):
-        if not isinstance(width, int) or not 2 <= width <= 512:
-            raise ValueError(f"Frame width must be an integer from 2 to 512, not {width!r}")
-        if not isinstance(height, int) or not 1 <= height <= 512:
-            raise ValueError(f"Frame height must be an integer from 1 to 512, not {height!r}")
+        if not isinstance(width, int) or not 2 <= width <= SENSOR_PIXELS[1]:
+            raise ValueError(
+                f"Frame width must be an integer from 2 to {SENSOR_PIXELS[1]}, not {width!r}")
+        if not isinstance(height, int) or not 1 <= height <= SENSOR_PIXELS[1]:
+            raise ValueError(
+                f"Frame height must be an integer from 1 to {SENSOR_PIXELS[1]}, not {height!r}")
         self.width = width
         self.height = height
         super().__init__({

@@ -174,5 +174,11 @@ _DENSE = replace(
     margin_px=4.0,
 )
 
+_VGA = replace(
+    _ENDOSCOPE,
+    name="vga",
+    camera=Camera(640, 480, 600.0, (322.3, 237.1), k1=-0.12, k2=0.02, p1=5e-4, p2=-4e-4),
+)
+
 #: Ready rigs by name.
-RIGS = {rig.name: rig for rig in (_ENDOSCOPE, _DEMONSTRATOR, _SMALL, _DENSE)}
+RIGS = {rig.name: rig for rig in (_ENDOSCOPE, _DEMONSTRATOR, _SMALL, _DENSE, _VGA)}

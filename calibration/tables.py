@@ -178,7 +178,8 @@ def choose_windows(lines, columns, z_min, z_max, fraction=9, reach=None):
     return Windows(low=low, high=high, tolerance=tolerance, separation=separation,
                    neighbour=np.where(np.isinf(separation), -1, lines.numbers[neighbour]),
                    smallest_px=float(separation.min()),
-                   smallest_whole_px=float(whole.min()), z_min=float(z_min), z_max=float(z_max), fraction=fraction)
+                   smallest_whole_px=float(whole.min()), z_min=float(z_min), z_max=float(z_max),
+                   fraction=fraction)
 
 
 @dataclass(frozen=True)
@@ -237,11 +238,13 @@ def build_tables(lines, windows, columns, beams):
     if len(steep):
         raise UserError(
             f"The epipolar lines of beams {_named(lines.numbers[steep], columns)} are too steep, "
-            f"or meet the middle column more than {(1 << 17) // pixel} px from the image centre: the projector must "
-            "stand beside the camera along the rows of the sensor.")
+            "or meet the middle column "
+            f"more than {(1 << 17) // pixel} px from the image centre: the "
+            "projector must stand beside the camera along the rows of the sensor.")
     u_min = np.clip(np.floor(low * window_pixel), -4096, 4095).astype(np.int64)
     u_max = np.clip(np.ceil(high * window_pixel), -4096, 4095).astype(np.int64)
-    tolerance = np.clip(np.floor(windows.tolerance * tolerance_pixel), 1, _TOLERANCE_LIMIT).astype(np.int64)
+    tolerance = np.floor(windows.tolerance * tolerance_pixel)
+    tolerance = np.clip(tolerance, 1, _TOLERANCE_LIMIT).astype(np.int64)
 
     # The last column of a window is a whole LSB of the window wide.
     first = u_min * (pixel // window_pixel)

@@ -84,9 +84,9 @@ class Config:
                     f"{name} must be an integer from {low} to {high}, not {value!r}")
         if self.preset == "paper" and max(self.width, self.height) > SMALL_SENSOR:
             raise ValueError(
-                f"The preset paper takes sensors of at most {SMALL_SENSOR} x {SMALL_SENSOR} pixels, "
-                f"not {self.width} x {self.height}: its words of the remap table and its external "
-                "memory hold no more; use the preset capsule")
+                f"The preset paper takes sensors of at most {SMALL_SENSOR} x {SMALL_SENSOR} pixels"
+                f", not {self.width} x {self.height}: its words of the remap table and its "
+                "external memory hold no more; use the preset capsule")
         if self.converter_latency is not None:
             read_us = self.width * self.height * self.converter_interval * 1e6 / self.clock_hz
             if read_us > FRAME_US - 1000:

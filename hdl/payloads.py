@@ -1,8 +1,8 @@
 """Payloads of the streams that join the blocks.
 
 Fields stand in the order of their bits, the first one in the least significant bits. Image
-coordinates are fixed-point pixels, see :func:`hdl.protocol.fraction_bits`; what carries an ``end`` flag closes a frame with it, and all its other
-fields are then zero.
+coordinates are fixed-point pixels, see :func:`hdl.protocol.fraction_bits`; what carries an ``end``
+flag closes a frame with it, and all its other fields are then zero.
 """
 
 from amaranth.hdl import signed, unsigned

@@ -15,15 +15,16 @@ __all__ = [
     "CONTENT_LIMIT", "COMPACT", "PacketKind", "Flag", "Command", "Reason", "Mode", "Register",
     "Field", "Table", "TABLES", "REMAP", "TRAILER_FIELDS", "TEXTURE_FIELDS", "IDENTITY_FIELDS",
     "STATUS_FIELDS", "GUARD_CAUSES", "GUARD_LIMITS_US", "DISPLAY_FAULTS", "SENSOR_PIXELS",
-    "MEAN_WINDOW_PIXELS", "MOST_BEAMS", "COORDINATE_BITS", "SMALL_SENSOR", "fraction_bits", "registers",
-    "tables",
+    "MEAN_WINDOW_PIXELS", "MOST_BEAMS", "COORDINATE_BITS", "SMALL_SENSOR", "fraction_bits",
+    "registers", "tables",
 ]
 
 #: The two designs, in the order of their codes in the reply to IDENTIFY.
 PRESET_NAMES = ("capsule", "paper")
 #: Least and largest width and height of a sensor.
 SENSOR_PIXELS = (16, 1024)
-#: A sensor with no side longer than this has one fraction bit more; preset ``paper`` takes no other.
+#: A sensor with no side longer than this has one fraction bit more; preset ``paper`` takes
+#: no other.
 SMALL_SENSOR = 512
 #: Bits of a coordinate, unsigned in the image, signed about its centre once undistorted.
 COORDINATE_BITS = 18
@@ -294,8 +295,8 @@ TABLES = (
     Table(3, "beams", MOST_BEAMS, (
         Field("line", 36, "line k: slope, signed Q0.17, 18 bits; offset, a signed "
               "coordinate, 18"),
-        Field("window", 36, "tolerance, unsigned, 9 bits, in 16 LSBs of a coordinate (0 disables the "
-              "beam); least and largest x, signed, 13 bits each, in 32 LSBs; 1 bit zero"))),
+        Field("window", 36, "tolerance, unsigned, 9 bits, in 16 LSBs of a coordinate (0 disables "
+              "the beam); least and largest x, signed, 13 bits each, in 32 LSBs; 1 bit zero"))),
 )
 #: The preset ``paper`` has one more, in its external memory.
 REMAP = Table(4, "remap", None, (

@@ -75,7 +75,8 @@ class Background(wiring.Component):
                 f"The window must be an odd integer from {least} to {most}, not {window!r}")
         if not isinstance(width, int) or not 2 * window <= width <= SENSOR_PIXELS[1]:
             raise ValueError(
-                f"Frame width must be an integer from {2 * window} to {SENSOR_PIXELS[1]}, not {width!r}")
+                f"Frame width must be an integer from {2 * window} to {SENSOR_PIXELS[1]}, "
+                f"not {width!r}")
         self.width, self.window = width, window
         half = window // 2
         #: Steps from a pixel in the middle row, in the column that enters, to its contrast.

@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from ..payloads import AREA_LIMIT, MaskPixel, Spot
 from ..protocol import SENSOR_PIXELS
-from .features import Features, empty, merge, of_pixel
+from .features import Features, empty, merge, of_pixel, sum_bits
 
 __all__ = ["Labelling"]
 
@@ -354,6 +354,7 @@ class Labelling(wiring.Component):
 
         A record that is read in the clock in which it is written is still in ``run``.
         """
+        bits = sum_bits(self.width, self.height)
         weight = Signal(9)
         drop = Signal()
         pixel = Signal(Features, reset_less=True)
@@ -375,8 +376,8 @@ class Labelling(wiring.Component):
         partial = Signal(Features, attrs={"keep": 1})
         m.d.comb += [
             stored.eq(Mux(s.add, record_read.data.features.as_value(), 0)),
-            partial.eq(merge(run, pixel)),
-            sums.eq(merge(partial, stored)),
+            partial.eq(merge(run, pixel, bits)),
+            sums.eq(merge(partial, stored, bits)),
             record_write.addr.eq(s.store_address),
             record_write.data.tail.eq(s.tail),
             record_write.data.features.eq(sums),

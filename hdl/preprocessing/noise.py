@@ -81,7 +81,8 @@ class Noise(wiring.Component):
         for name, size, least in (("width", width, 16), ("height", height, 8)):
             if not isinstance(size, int) or not least <= size <= SENSOR_PIXELS[1]:
                 raise ValueError(
-                    f"Frame {name} must be an integer from {least} to {SENSOR_PIXELS[1]}, not {size!r}")
+                    f"Frame {name} must be an integer from {least} to {SENSOR_PIXELS[1]}, "
+                    f"not {size!r}")
         self.width, self.height = width, height
         super().__init__({
             "i": In(stream.Signature(ContrastPixel, always_ready=True)),

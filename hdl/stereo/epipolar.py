@@ -27,9 +27,9 @@ class Epipolar(wiring.Component):
 
     The estimate of line k is ``((slope * x + 2**16) >> 17) + offset``. A spot is on the line if it
     is closer to the estimate than the tolerance, and hits beam k if also ``u_min <= x <= u_max``,
-    both limits included, x truncated to 32 LSBs. One hit gives the beam, more make the spot ambiguous.
-    Without a hit it is rejected if it is on some line, else noise. Spots that come in rejected,
-    and end markers, take the same time and pass unchanged.
+    both limits included, x truncated to 32 LSBs. One hit gives the beam, more make the spot
+    ambiguous. Without a hit it is rejected if it is on some line, else noise. Spots that come in
+    rejected, and end markers, take the same time and pass unchanged.
 
     A tolerance of zero disables a beam; all are disabled until they are written. The words lie in
     two banks. A word may be written or read back at any time, but a spot that is being matched in

@@ -49,8 +49,8 @@ class Undistort(wiring.Component):
     clocks after it became valid, or later if ``o`` waits. End markers take one clock. Reset forgets
     what is under way; the table stays.
 
-    A spot is rejected where the chip has no answer: x, y or an intermediate position leaves half its
-    range, or its radius leaves the table. Spots that come in rejected are undistorted too.
+    A spot is rejected where the chip has no answer: x, y or an intermediate position leaves its 18
+    bits, or its radius leaves the table. Spots that come in rejected are undistorted too.
 
     Paper, section on distortion correction, its second form: on the centres only.
 
@@ -97,7 +97,8 @@ class Undistort(wiring.Component):
         for name, value in [("width", width), ("height", height)]:
             if not isinstance(value, int) or not SENSOR_PIXELS[0] <= value <= SENSOR_PIXELS[1]:
                 raise ValueError(
-                    f"Frame {name} must be an integer from {SENSOR_PIXELS[0]} to {SENSOR_PIXELS[1]}, not {value!r}")
+                    f"Frame {name} must be an integer from {SENSOR_PIXELS[0]} to "
+                    f"{SENSOR_PIXELS[1]}, not {value!r}")
         if not isinstance(rounds, int) or not 1 <= rounds <= 3:
             raise ValueError(f"Rounds must be an integer from 1 to 3, not {rounds!r}")
         self.width = width

@@ -45,7 +45,7 @@ def find_duplicates(reported, calibration=None):
 
 
 def _line_distance(reported, calibration):
-    """Distance of ok spots from their beams' epipolar lines in LSBs of a coordinate; 0 where it is unknown."""
+    """Distance of ok spots from their beams' epipolar lines in LSBs; 0 where it is unknown."""
     beam = np.asarray(reported["beam"], np.int64)
     if calibration is None or not len(beam) or beam.max() >= len(calibration.settings.line):
         return np.zeros(len(beam), np.int64)

@@ -25,7 +25,8 @@ def any_settings(width, height, beams, seed=1, **changes):
     offset = np.round(pixel * (np.arange(beams) - (beams - 1) / 2) * spacing).astype(int)
     slope = rng.integers(-3000, 3000, beams)
     # A few lines share their neighbour's tolerance, so that spots become ambiguous.
-    tolerance = np.minimum(511, np.round(pixel // 16 * spacing * rng.choice([0.4, 0.5, 0.8], beams)))
+    share = rng.choice([0.4, 0.5, 0.8], beams)
+    tolerance = np.minimum(511, np.round(pixel // 16 * spacing * share))
     half = width // 2
     u_min = rng.integers(-half, -half // 2, beams) * (pixel // 32)
     u_max = rng.integers(half // 2, half, beams) * (pixel // 32)

@@ -82,7 +82,7 @@ class LoadPlan:
             self.chosen.get(name, commands.read(name))
             for name in ("divisor", "period_us", "full_records"))
         beams = len(self.calibration.settings.line)
-        baud = commands.identify()["clock_khz"] * 1000 / clocks
+        baud = commands.identify()["clock_khz"] * 1000 / max(1, clocks)
         carried = points_carried(baud, period_us, full_records)
         if carried >= beams:
             return None

@@ -130,7 +130,7 @@ class DriftMonitor:
         beam = points["beam"].astype(int)
         x, y = self.calibration.lens.undistort(points["u"], points["v"])
         distance = y - (self._a[beam] * x + self._b[beam])
-        known = np.isfinite(distance + points["z"])
+        known = np.isfinite(distance + points["z"]) & (points["z"] > 0)
         if not known.any():
             return None
         beam, distance, inverse = beam[known], distance[known], 1 / points["z"][known]

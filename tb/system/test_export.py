@@ -304,7 +304,7 @@ def test_synthesis_fault_is_told():
 
 @pytest.mark.parametrize("name", sorted(size.LIMITS))
 def test_size_is_within_its_limits(name):
-    """yosys reads the exported Verilog, and what comes out is small and has no latch."""
+    """yosys reads the Verilog as it is exported, and what comes out is small and has no latch."""
     counted = size.measure_verilog(verilog(find(name).component(), name), name)
     assert size.over(name, counted) == []
     assert counted["latches"] == 0

@@ -110,11 +110,10 @@ def to_fast_verilog(component, name):
     """Flat, optimised Verilog of ``component``, which simulates about twice as fast.
 
     Amaranth writes every next state as a process of its own; sharing and simplifying their logic
-    leaves the simulator less to do in each clock. ``opt -full`` gains 5 % more and takes four times
-    as long. Ports are those of :func:`to_verilog`.
+    leaves the simulator less to do in each clock. Ports are those of :func:`to_verilog`.
     """
     return _yosys(to_rtlil(component, name),
-                  "proc; flatten; opt -fast; memory_collect; opt_mem; opt_clean",
+                  "proc; flatten; opt -full; memory_collect; opt_mem; opt_clean",
                   "write_verilog -noattr")
 
 

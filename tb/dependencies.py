@@ -45,7 +45,9 @@ _KNOWN = {"tb/hdlsim.py", "tb/formal/symbiyosys.py", "scripts/simulation/compile
           "scripts/results/frames.py", "scripts/results/measurement.py",
           "scripts/results/outputs.py", "scripts/simulation/spot_engine.py"}
 #: The folder within which a file looks for Python.
-_WITHIN = {"scripts/simulation/sources.py": "hdl/"}
+_WITHIN = {"scripts/simulation/sources.py": "hdl/",
+           # and in model/optics/, which it imports all of
+           "scripts/simulation/live_rig.py": "calibration/"}
 _MODULE = re.compile(rf"\b(?:{'|'.join(PACKAGES)})(?:\.\w+)+")
 #: The beginning of a module's name, to which something is added.
 _PART = re.compile(rf"\b(?:{'|'.join(PACKAGES)})(?:\.\w+)*\.(?:\w+_)?$")

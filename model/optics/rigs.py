@@ -1,7 +1,7 @@
 """Complete rigs: camera, projector, spots, noise, and the distances they are made for.
 
 ======================= ============= ================ ============= ============= =============
-rig                     ``endoscope`` ``demonstrator`` ``small``     ``dense``
+rig                     ``endoscope`` ``demonstrator`` ``small``     ``dense``     ``vga``
 ======================= ============= ================ ============= ============= =============
 sensor                  352 x 288     352 x 288        64 x 64       352 x 288     640 x 480
 beams                   7 x 7         7 x 7            4 x 4         19 x 19       7 x 7

@@ -9,12 +9,19 @@ import numpy as np
 
 from hdl.protocol import COMPACT, TEXTURE_FIELDS, TRAILER_FIELDS, Flag, PacketKind
 from scripts.host.framing import Deframer
-from scripts.host.messages import POINT, Frame, Reply, TextureFrame, TexturePiece, fields_of
+from scripts.host.messages import (
+    POINT,
+    RECORD_OCTETS,
+    Frame,
+    Reply,
+    TextureFrame,
+    TexturePiece,
+    fields_of,
+)
 from scripts.host.rebuild import point_check
 
 __all__ = ["POINT", "Decoder", "Frame", "Reply", "TextureFrame", "TexturePiece"]
 
-_RECORD_OCTETS = 10
 _COUNTS = ("spots", "ok", "noise", "ambiguous", "rejected", "dropped", "unlisted")
 _TEXTURE_OCTETS = sum(field.bits for field in TEXTURE_FIELDS) // 8
 _TRAILER_OCTETS = sum(field.bits for field in TRAILER_FIELDS) // 8
@@ -316,11 +323,11 @@ def _area(code):
 
 def _records(octets):
     """Points as tuples of :data:`POINT`, 10 octets each, or None if that is not what they are."""
-    if len(octets) % _RECORD_OCTETS:
+    if len(octets) % RECORD_OCTETS:
         return None
     points = []
-    for place in range(0, len(octets), _RECORD_OCTETS):
-        word = int.from_bytes(octets[place:place + _RECORD_OCTETS], "little")
+    for place in range(0, len(octets), RECORD_OCTETS):
+        word = int.from_bytes(octets[place:place + RECORD_OCTETS], "little")
         label, inverse_z = word & 0x1FF, word >> 56
         if inverse_z >> 18 or (not inverse_z and not 1 <= label <= 3):
             return None

@@ -4,6 +4,7 @@ import numpy as np
 
 from hdl.protocol import SMALL_SENSOR
 from model.preprocessing.centre import lsb_px
+from scripts.results.drift import DriftMonitor
 from scripts.results.locator import Locator, find_duplicates
 from scripts.results.points import DUPLICATE, OK, POINT, STATUS
 
@@ -24,12 +25,19 @@ class FrameLocator:
     ----------
     calibration : :class:`calibration.file.Calibration` or None
         What the chip was loaded with; without, there are no coordinates.
+
+    Attributes
+    ----------
+    drift : :class:`scripts.results.drift.Drift` or None
+        Whether the rig is as it was calibrated, by the last frame; None if that had no points.
     """
 
     def __init__(self, calibration=None):
         #: Sensor size in pixels, for u and v without a calibration. None: with no side above 512.
         self.size = None
         self._locate = calibration and Locator(calibration)
+        self._monitor = calibration and DriftMonitor(calibration)
+        self.drift = None
         self._trusted = False
 
     def __call__(self, frame):
@@ -41,7 +49,9 @@ class FrameLocator:
             reported["status"][reported["status"] == OK] = UNVERIFIED
         if self._locate is not None:
             # The texture comes later and in parts: intensities are taken from it at the end.
-            return self._locate(reported, frame.index, _DARK)
+            points = self._locate(reported, frame.index, _DARK)
+            self.drift = self._monitor.add(points)
+            return points
         points = np.zeros(len(reported), POINT)
         points["frame"] = frame.index
         for name in ("status", "area", "saturated", "border"):

@@ -13,7 +13,7 @@ from scripts.host.frame_locator import FrameLocator
 from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
 from scripts.host.rebuild import Rebuilder
 from scripts.host.replay import Replay
-from scripts.results.drift import Drift, DriftMonitor
+from scripts.results.drift import Drift
 
 __all__ = ["History", "Moment", "read_history"]
 
@@ -95,7 +95,6 @@ class History:
         self.calibration, self._most = calibration, most_points
         self.first = self.count = 0
         self.identity = None
-        self._drift = DriftMonitor(calibration)
         self._lock = threading.Lock()
         self._moments, self._rows, self._positions = [], 0, {}
         self._pieces, self._first_piece = [], 0
@@ -104,12 +103,13 @@ class History:
         self._announced, self._early = {}, []
         self._begin_us, self._seconds = None, 0.0
 
-    def take(self, event, points=None, lost=0):
-        """Take an event of the decoder; of a frame with its rows, and the packets lost so far."""
+    def take(self, event, points=None, lost=0, drift=None):
+        """Take an event of the decoder; of a frame with its rows, the packets lost so far, and
+        whether the rig has moved."""
         if isinstance(event, Frame):
             if not event.joined:
                 with self._lock:
-                    self._add(event, points, lost)
+                    self._add(event, points, lost, drift)
         elif isinstance(event, TextureFrame):
             self._announced[event.index] = None if event.laser else self._time(event)
             if len(self._announced) > _REMEMBERED:
@@ -183,14 +183,13 @@ class History:
             self._seconds = max(self._seconds, (event.timestamp_us - self._begin_us) / 1e6)
         return self._seconds
 
-    def _add(self, frame, points, lost):
+    def _add(self, frame, points, lost, drift):
         # The frame's own points are in the rows: no need to keep them twice.
         plain = Frame(**{**vars(frame), "points": frame.points[:0]})
         pieces = self._first_piece + len(self._pieces)
         if self.count % _SNAPSHOT == 0:
             self._snapshots[self.count] = self._now.copy()
-        self._moments.append(Moment(plain, points, self._time(frame), lost, pieces,
-                                    self._drift.add(points)))
+        self._moments.append(Moment(plain, points, self._time(frame), lost, pieces, drift))
         self._positions[frame.index] = self.count
         self.count += 1
         self._rows += len(points)
@@ -252,7 +251,7 @@ def read_history(path, calibration, stopped=lambda: False, history=None):
             points = None
             if isinstance(event, Frame) and not event.joined:
                 points = locate(event)
-            history.take(event, points, decoder.lost)
+            history.take(event, points, decoder.lost, locate.drift)
 
     with Replay(path) as source:
         while not stopped() and (octets := source.read()) is not None:

@@ -45,6 +45,7 @@ class LoadPlan:
     began: bool = False  # something may have changed in the chip
     tables: str = "as they were"
     registers: bool = False  # all are written
+    identity: dict = field(default_factory=dict)  # of the chip
     before: dict = field(default_factory=dict)  # the status
 
     def check(self, commands):
@@ -60,29 +61,35 @@ class LoadPlan:
         UserError
             If the calibration is for another chip, or the laser guard is sure to trip.
         """
-        identity, before = commands.identify(), commands.status()
+        self.identity, before = commands.identify(), commands.status()
         self.before = before
         if self.calibration is not None:
-            check_chip(identity, self.calibration)
+            check_chip(self.identity, self.calibration)
             self.mode = before["state"].mode if self.mode is None else self.mode
         mode = before["state"].mode if self.mode is None else self.mode
         if mode == Mode.STOP or self.mode is None and not self.chosen.keys() & set(TIMES):
             return []
-        times = {name: self.chosen.get(name) or commands.read(name) for name in TIMES}
-        certain, possible = find_trips(mode, times, identity)
+        certain, possible = find_trips(mode, self._registers(commands, TIMES), self.identity)
         if certain:
             raise UserError(f"The laser guard would trip: {'; '.join(certain)}.")
         return possible
 
+    def _registers(self, commands, names):
+        """Values that registers will have, by name: those to be written, or the chip's."""
+        return {name: self.chosen[name] if name in self.chosen else commands.read(name)
+                for name in names}
+
     def find_slow_line(self, commands):
-        """What a line that is too slow for the mesh does to its points; None if it is not."""
+        """What a line that is too slow for the mesh does to its points; None if it is not.
+
+        To be asked after :meth:`check`.
+        """
         if self.calibration is None:
             return None
-        clocks, period_us, full_records = (
-            self.chosen.get(name, commands.read(name))
-            for name in ("divisor", "period_us", "full_records"))
+        clocks, period_us, full_records = self._registers(
+            commands, ("divisor", "period_us", "full_records")).values()
         beams = len(self.calibration.settings.line)
-        baud = commands.identify()["clock_khz"] * 1000 / max(1, clocks)
+        baud = self.identity["clock_khz"] * 1000 / max(1, clocks)
         carried = points_carried(baud, period_us, full_records)
         if carried >= beams:
             return None

@@ -2,15 +2,29 @@
 
 import time
 
-from hdl.protocol import REMAP, Mode
+from hdl.protocol import (
+    COMPACT,
+    CONTENT_LIMIT,
+    GAP_CHARACTERS,
+    REMAP,
+    TRAILER_FIELDS,
+    WIRE_LIMIT,
+    Mode,
+)
 from model.errors import UserError
 from scripts.host.chip import REGISTERS
+from scripts.host.framing import CHECK_OCTETS
+from scripts.host.messages import RECORD_OCTETS
 
 __all__ = ["load", "points_carried", "registers_of", "signed", "stop", "wait_until",
            "write_registers"]
 
-#: Octet times of a frame without points, and of a full packet of points, pauses included.
-_EMPTY_FRAME, _FULL_PACKET = 38, 103
+_HEADER = 3  # kind, sequence number, number of the frame
+#: Octet times of a full packet of points, the pause after it included, and octets of its points.
+_FULL_PACKET = WIRE_LIMIT + GAP_CHARACTERS
+_POINTS_OCTETS = CONTENT_LIMIT - CHECK_OCTETS - _HEADER
+#: Octet times of a frame without points: a packet with the trailer alone.
+_EMPTY_FRAME = _FULL_PACKET - _POINTS_OCTETS + sum(field.bits for field in TRAILER_FIELDS) // 8
 
 
 def signed(name, value):
@@ -33,7 +47,7 @@ def registers_of(calibration):
 
 def points_carried(baud, period_us, full_records=False):
     """About how many of a frame's points the line carries in a period, at least 0."""
-    in_packet = 9 if full_records else 19
+    in_packet = 8 * _POINTS_OCTETS // (8 * RECORD_OCTETS if full_records else COMPACT.SHORT_BITS)
     octets = baud / 10 * period_us * 1e-6
     return max(0, int((octets - _EMPTY_FRAME) * in_packet / _FULL_PACKET))
 

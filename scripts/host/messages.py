@@ -6,8 +6,10 @@ import numpy as np
 
 from hdl.protocol import Flag
 
-__all__ = ["POINT", "Frame", "Reply", "TextureFrame", "TexturePiece", "fields_of"]
+__all__ = ["POINT", "RECORD_OCTETS", "Frame", "Reply", "TextureFrame", "TexturePiece", "fields_of"]
 
+#: Octets of a record of a point.
+RECORD_OCTETS = 10
 #: A point in the integer units of the link.
 POINT = np.dtype([("status", np.uint8), ("beam", np.uint16), ("area", np.uint16),
                   ("saturated", np.bool_), ("border", np.bool_), ("u", np.uint32),

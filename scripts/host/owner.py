@@ -114,7 +114,7 @@ class PortOwner:
             points = None
             if isinstance(event, Frame) and not event.joined:
                 points = locate(event) if locate else recorder.located
-            self.history.take(event, points, decoder.lost)
+            self.history.take(event, points, decoder.lost, recorder.locate.drift)
         return False
 
     def _run(self):

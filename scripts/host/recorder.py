@@ -12,7 +12,6 @@ from scripts.host.frame_locator import NAMES, FrameLocator
 from scripts.host.image_assembly import ImageAssembly
 from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
 from scripts.results.cloud import PointCloud
-from scripts.results.drift import DriftMonitor
 from scripts.results.outputs import TIMED_CSV_HEADER, csv_line, whole_file
 from scripts.results.points import DOUBTFUL, DUPLICATE, OK
 from scripts.results.row_file import RowFile
@@ -94,7 +93,6 @@ class Recorder:
         self.frames = self.points = self.unverified = 0
         self.verified = self.lit = self.tabled = self.tripped = self.reported = 0
         self.last = self.located = self.identity = self.status = self.drift = None
-        self._drift = calibration and DriftMonitor(calibration)
         size = calibration and (calibration.width, calibration.height)
         self.images = {kind: ImageAssembly(size) for kind in ("texture", "pattern")}
         self.complete = dict.fromkeys(self.images, 0)
@@ -224,7 +222,7 @@ class Recorder:
         if frame.compact and reported and self.calibration is None:
             raise UserError(NO_CALIBRATION)
         points = self.located = self.locate(frame)
-        drift = self._drift and self._drift.add(points)
+        drift = self.locate.drift
         self.drift = drift or self.drift
         found = [str(np.count_nonzero(points["status"] == status))
                  for status in (DUPLICATE, DOUBTFUL)]

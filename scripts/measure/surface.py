@@ -7,6 +7,7 @@ import numpy as np
 from model.errors import UserError
 from scripts.measure.kriging import Kriging
 from scripts.measure.mesh import triangles
+from scripts.results.drift import beam_lines, line_distance
 from scripts.results.points import OK
 
 __all__ = ["Picked", "Surface"]
@@ -142,12 +143,7 @@ class Surface:
     def _spot_noise(self):
         budget = self.calibration.budget
         along, across = (budget.get(f"sigma_{axis}_px", _NOISE_PX) for axis in "uv")
-        lens, beams = self.calibration.lens, self.calibration.beams
-        known = [index for index, beam in enumerate(self.points["beam"]) if beams[beam] is not None]
-        x, y = lens.undistort(self.points["u"][known], self.points["v"][known])
-        lines = np.array([(beams[beam].a, beams[beam].b)
-                          for beam in self.points["beam"][known]]).reshape(-1, 2)
-        off = y - lines[:, 0] * x - lines[:, 1]
+        off = line_distance(self.points, self.calibration.lens, beam_lines(self.calibration))
         off = np.abs(off[np.isfinite(off)])
         own = 1.4826 * float(np.median(off)) if len(off) else across
         here = np.sqrt((len(off) * own**2 + _PRIOR_SPOTS * across**2) / (len(off) + _PRIOR_SPOTS))

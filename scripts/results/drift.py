@@ -11,7 +11,7 @@ import numpy as np
 
 from scripts.results.points import OK
 
-__all__ = ["CAUSES", "Drift", "DriftMonitor"]
+__all__ = ["CAUSES", "Drift", "DriftMonitor", "beam_lines", "line_distance"]
 
 #: What can move, and its columns in the patterns.
 CAUSES = {"focus": (0,), "turned": (1, 2, 3), "base": (4, 5)}
@@ -37,6 +37,34 @@ _FAR_PX, _FAR_LINES = 0.3, 4.0
 _LEAST_PX = 0.02
 
 
+def beam_lines(calibration):
+    """The beams' lines, array (beams, 4) of ``a``, ``b``, ``alpha`` and ``beta``.
+
+    As those of :class:`calibration.file.Beam`; NaN for beams that were left out.
+    """
+    nothing = (np.nan,) * 4
+    return np.array([
+        nothing if beam is None else (beam.a, beam.b, beam.alpha, beam.beta)
+        for beam in calibration.beams]).reshape(-1, 4)
+
+
+def line_distance(points, lens, lines):
+    """Distance of points across the lines of their beams in px, signed; NaN where it is unknown.
+
+    Parameters
+    ----------
+    points : array (n,) of :data:`scripts.results.points.POINT`
+        Points with a beam.
+    lens : :class:`calibration.lens.Lens`
+        The camera's.
+    lines : array (beams, 4)
+        See :func:`beam_lines`.
+    """
+    x, y = lens.undistort(points["u"], points["v"])
+    a, b = lines[points["beam"], :2].T
+    return y - a * x - b
+
+
 @dataclass(frozen=True)
 class Drift:
     """What the distances say, over the last frames.
@@ -49,7 +77,7 @@ class Drift:
         What that is at most while nothing has moved.
     causes : tuple of :class:`str`
         Names of :data:`CAUSES`: empty while nothing has moved, else the likeliest first, then those
-        that cannot be told from it. ``unknown`` alone: more has moved than these can tell.
+        that fit nearly as well. ``unknown`` alone: none of them explains it.
     focus : :class:`float`
         Relative change of the focal length, if that is the cause.
     turned_deg : :class:`float`
@@ -97,16 +125,14 @@ class DriftMonitor:
 
     def __init__(self, calibration):
         self.calibration = calibration
-        nothing = (np.nan,) * 4
-        self._a, self._b, alpha, beta = np.array([
-            nothing if beam is None else (beam.a, beam.b, beam.alpha, beam.beta)
-            for beam in calibration.beams]).T
+        self._lines = beam_lines(calibration)
+        self._a, b, alpha, beta = self._lines.T
         residual = [beam.residual_v for beam in calibration.beams if beam is not None]
         self._line_px = max(_LEAST_PX, float(np.sqrt(np.mean(np.square(residual)))))
         # Slopes of the beams: where their spots tend to as the surface recedes.
         vanishing = -beta / np.where(alpha == 0, np.nan, alpha)
         self._slope_x, self._slope_y = calibration.lens.ray(
-            vanishing, self._a * vanishing + self._b)
+            vanishing, self._a * vanishing + b)
         beams = len(calibration.beams)
         self._frames, self._alarm = 0, False
         self._count = np.zeros(beams)
@@ -127,20 +153,19 @@ class DriftMonitor:
             None without points.
         """
         points = points[points["status"] == OK]
-        beam = points["beam"].astype(int)
-        x, y = self.calibration.lens.undistort(points["u"], points["v"])
-        distance = y - (self._a[beam] * x + self._b[beam])
+        distance = line_distance(points, self.calibration.lens, self._lines)
         known = np.isfinite(distance + points["z"]) & (points["z"] > 0)
         if not known.any():
             return None
-        beam, distance, inverse = beam[known], distance[known], 1 / points["z"][known]
+        distance, points = distance[known], points[known]
+        beam = points["beam"]
         self._frames += 1
         for each in (self._count, self._sum, self._square, self._pattern):
             each *= 1 - 1 / _FRAMES
         np.add.at(self._count, beam, 1)
         np.add.at(self._sum, beam, distance)
         np.add.at(self._square, beam, distance**2)
-        np.add.at(self._pattern, beam, self._patterns(beam, inverse))
+        np.add.at(self._pattern, beam, self._patterns(beam, 1 / points["z"]))
         return self._judged(float(np.sqrt(np.mean(distance**2))))
 
     def _patterns(self, beam, inverse):

@@ -5,7 +5,7 @@ import ctypes
 import numpy as np
 
 from scripts.simulation.engine import require_compiler
-from scripts.simulation.library import build, clocked_verilog, harness
+from scripts.simulation.library import EVERY_CLOCK, build, clocked_verilog, harness
 from scripts.simulation.sources import rtl_sources
 
 __all__ = ["Instrument", "Line"]
@@ -26,7 +26,7 @@ def _library(config):
             clocks["display"] = "display_clk"
         return clocked_verilog(
             RTLInstrument(config, clock_gated=True), "instrument", clocks,
-            **({"any_edge": "display_clk"} if paper else {}))
+            any_edge="display_clk" if paper else EVERY_CLOCK)
 
     paper = config.preset == "paper"
     text = harness("instrument.cpp", paper)

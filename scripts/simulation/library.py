@@ -14,7 +14,10 @@ from scripts import paths
 from scripts.simulation.compiler import compile_verilated
 from scripts.simulation.verilator import verilator_environment
 
-__all__ = ["ZEROS", "build", "clocked_verilog", "harness"]
+__all__ = ["EVERY_CLOCK", "ZEROS", "build", "clocked_verilog", "harness"]
+
+#: Pattern of the names of all clocks.
+EVERY_CLOCK = r"\w*clk"
 
 BUILD = paths.COMPILED / "native"
 _HERE = Path(__file__).parent
@@ -31,7 +34,7 @@ def harness(name, memory):
     return f"#define PAPER\n{(_HERE / 'sram.hpp').read_text()}\n{text}" if memory else text
 
 
-def clocked_verilog(component, name, clocks, registered=None, any_edge=r"\w*clk"):
+def clocked_verilog(component, name, clocks, registered=None, any_edge=EVERY_CLOCK):
     """Verilog of ``component`` in which any change of a clock stands for a rising edge.
 
     So one evaluation makes a clock. No reset is wired: a new library starts from power-up.

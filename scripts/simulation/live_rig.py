@@ -29,11 +29,10 @@ def calibrated(rig, seed=_SEED):
     from model.errors import UserError
     from model.optics import capture
 
-    sources = [path for name in ("calibrate.py", "file.py", "tables.py", "lines.py")
-               if (path := Path(program.__file__).with_name(name)).exists()]
     digest = hashlib.sha256(repr((rig, seed)).encode())
-    for path in sources:
-        digest.update(path.read_bytes())
+    for module in (program, capture):
+        for path in sorted(Path(module.__file__).parent.glob("*.py")):
+            digest.update(path.read_bytes())
     path = BUILD / "live" / f"{rig.name}-{digest.hexdigest()[:16]}.json"
     with locked(path):
         try:

@@ -9,6 +9,7 @@ import numpy as np
 from model.optics.scenes import Plane
 from scripts.host.history import History
 from scripts.host.messages import Frame, TextureFrame, TexturePiece
+from scripts.results.drift import DriftMonitor
 from scripts.view.session import ThreadSession
 from tb.measure.simulated import calibration_of, measured, mesh_rig
 from tb.view.bench import NOISE_PX, serving
@@ -70,7 +71,7 @@ class _Feed(ThreadSession):
         self.times = []
 
     def _run(self):
-        begin, number = time.time(), 0
+        begin, number, monitor = time.time(), 0, DriftMonitor(self._calibration)
         while not self._ended.is_set():
             index, now = 2 * number + 2, round(number * 1e6 / _PAIRS_HZ) + 1
             self.history.take(TextureFrame(index - 1, 0, 9, now, 0, 0, 0xC0, index - 1))
@@ -80,7 +81,8 @@ class _Feed(ThreadSession):
             points = self._shown[number % 10].copy()
             points["frame"] = index
             self.history.take(Frame(index, flags=_LIT, index=index, timestamp_us=now,
-                                    ok=len(points), spots=len(points)), points)
+                                    ok=len(points), spots=len(points)), points,
+                              drift=monitor.add(points))
             self.times.append(time.time())
             self.changed()
             number += 1

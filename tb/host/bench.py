@@ -5,17 +5,18 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from calibration import file
 from model.capsule import Capsule
 from scripts.cyclope import cli
 from scripts.host import port
 from scripts.host.commands import Commands
 from scripts.results.locator import Locator
 from scripts.simulation.terminal import Terminal
-from tb.system.fake_instrument import FakeInstrument
+from tb.system.fake_instrument import FakeInstrument, any_calibration, images
 from tb.system.played_instrument import PlayedInstrument
 
 __all__ = ["INSTRUMENTS", "QUICK", "TEXTURE", "babbling", "commands", "contents", "load_chip",
-           "open_fake", "open_rtl", "rows", "run", "said", "spots_sent", "truth"]
+           "open_fake", "open_rtl", "record", "rows", "run", "said", "spots_sent", "truth"]
 
 TEXTURE = np.random.default_rng(1).integers(0, 256, (64, 64), np.uint8)
 #: The shortest period that the laser guard bears: less to simulate.
@@ -74,6 +75,18 @@ def run(*words):
 def load_chip(terminal, rig, *words):
     """Load and start, or whatever is asked for."""
     assert run("load", terminal.path, rig[1], *(words or ["--start"])) == 0
+
+
+def record(folder, frames):
+    """A folder with a calibration, and in ``out`` what ``cyclope receive`` made of so many frames
+    of a chip that it was loaded into; gives the calibration."""
+    calibration = any_calibration(rows=4, columns=4)
+    file.save(calibration, folder / "calibration.json")
+    with open_fake(calibration, images()) as terminal:
+        load_chip(terminal, (calibration, folder / "calibration.json"), "--start", *QUICK)
+        assert run("receive", terminal.path, "--calibration", folder / "calibration.json",
+                   "--frames", str(frames), "-o", folder / "out") == 0
+    return calibration
 
 
 def rows(path):

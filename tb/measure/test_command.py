@@ -13,9 +13,9 @@ from scripts.cyclope import cli
 from scripts.host.history import History, read_history
 from scripts.measure.records import CSV_HEADER
 from scripts.results.outputs import write_csv
-from tb.host.bench import QUICK, load_chip, open_fake, run
+from tb.host.bench import record
 from tb.measure.simulated import calibration_of, measured, mesh_rig
-from tb.system.fake_instrument import any_calibration, images
+from tb.system.fake_instrument import any_calibration
 
 NOISE_PX = 0.04
 POINTS = ("--points", "120,90", "200,160")
@@ -98,12 +98,7 @@ def test_sources_that_are_none(result, capsys, tmp_path):
 
 def test_a_recording_measures_as_its_tables_do(tmp_path, capsys):
     """Points of the chip, which no rig made, so the lengths mean nothing; but they are the same."""
-    calibration = any_calibration(rows=4, columns=4)
-    file.save(calibration, tmp_path / "calibration.json")
-    with open_fake(calibration, images()) as terminal:
-        load_chip(terminal, (calibration, tmp_path / "calibration.json"), "--start", *QUICK)
-        assert run("receive", terminal.path, "--calibration", tmp_path / "calibration.json",
-                   "--frames", "6", "-o", tmp_path / "out") == 0
+    calibration = record(tmp_path, 6)
     history = read_history(tmp_path / "out" / "link.raw", calibration)
     assert history.count >= 5
     capsys.readouterr()

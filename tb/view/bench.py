@@ -9,6 +9,7 @@ import numpy as np
 
 from scripts.host.history import History
 from scripts.host.messages import Frame, TextureFrame, TexturePiece
+from scripts.results.drift import DriftMonitor
 from scripts.view.server import PageServer
 from scripts.view.session import Session
 from tb.measure.simulated import calibration_of, measured, mesh_rig
@@ -28,6 +29,7 @@ def history_of(scenes, side=11, noise_px=NOISE_PX, grey=90, moved=lambda rig: ri
     rig = mesh_rig(side)
     calibration = calibration_of(rig, NOISE_PX)
     history, rng = History(calibration), np.random.default_rng(1)
+    monitor = DriftMonitor(calibration)
     image = np.full((calibration.height, calibration.width), grey, np.uint8)
     image[::16], image[:, ::16] = 160, 160
     for number, scene in enumerate(scenes):
@@ -38,7 +40,8 @@ def history_of(scenes, side=11, noise_px=NOISE_PX, grey=90, moved=lambda rig: ri
                 history.take(TexturePiece(index - 1, row, 0, pixels))
         points = measured(moved(rig), calibration, scene, rng, noise_px, index)
         history.take(Frame(index, grey_noise=16, flags=_LIT, index=index, timestamp_us=now,
-                           ok=len(points), spots=len(points)), points)
+                           ok=len(points), spots=len(points)), points,
+                     drift=monitor.add(points))
     return rig, history
 
 

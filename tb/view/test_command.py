@@ -19,8 +19,8 @@ from scripts.host.history import read_history
 from scripts.paths import ROOT
 from scripts.results.points import OK
 from scripts.view.session import ReplaySession
-from tb.host.bench import QUICK, load_chip, open_fake, run
-from tb.system.fake_instrument import any_calibration, images
+from tb.host.bench import open_fake, record, run
+from tb.system.fake_instrument import images
 
 
 @contextmanager
@@ -75,12 +75,7 @@ def end(process, number=signal.SIGINT):
 def recording(tmp_path_factory):
     """A folder of `cyclope receive` from a chip that the calibration was loaded into."""
     folder = tmp_path_factory.mktemp("recording")
-    calibration = any_calibration(rows=4, columns=4)
-    file.save(calibration, folder / "calibration.json")
-    with open_fake(calibration, images()) as terminal:
-        load_chip(terminal, (calibration, folder / "calibration.json"), "--start", *QUICK)
-        assert run("receive", terminal.path, "--calibration", folder / "calibration.json",
-                   "--frames", "8", "-o", folder / "out") == 0
+    record(folder, 8)
     return folder
 
 

@@ -15,7 +15,7 @@ from calibration.plane_offset import PlaneOffset, corrected, offset_by_lines
 from calibration.reciprocal import reciprocal_table
 from calibration.remap import remap_settings
 from calibration.spots import plane_spots
-from calibration.tables import Tables, Windows, build_tables, choose_windows
+from calibration.tables import Tables, Windows, build_tables, choose_windows, coordinate_reach
 from calibration.undistortion import BORDER_PX, undistortion_settings
 from calibration.usable import (
     check_distances,
@@ -25,6 +25,7 @@ from calibration.usable import (
     seen_dead,
     usable_beams,
 )
+from hdl.protocol import fraction_bits
 from model.errors import UserError
 from model.preprocessing.centre import centres
 from model.preprocessing.spot_queue import QUEUED_DTYPE
@@ -78,8 +79,9 @@ class Result:
 
 def _reach(lens):
     """First and last undistorted column where lens and chip are valid, px."""
-    reach = 255.9 if lens.usable_px is None else lens.reach * lens.focal
-    return (max(lens.principal_x - reach, -255.9), min(lens.principal_x + reach, 255.9))
+    most = coordinate_reach(fraction_bits(lens.width, lens.height))
+    reach = most if lens.usable_px is None else lens.reach * lens.focal
+    return (max(lens.principal_x - reach, -most), min(lens.principal_x + reach, most))
 
 
 def _undistortion_error(lens, settings):
@@ -87,15 +89,16 @@ def _undistortion_error(lens, settings):
 
     Over the image, one position every two pixels, off the grid, where the chip has an answer.
     """
-    u = np.arange(0, lens.width - 1, 2) * 512 + 137
-    v = np.arange(0, lens.height - 1, 2) * 512 + 331
+    pixel = 1 << fraction_bits(lens.width, lens.height)
+    u = np.arange(0, lens.width - 1, 2) * pixel + 137 * pixel // 512
+    v = np.arange(0, lens.height - 1, 2) * pixel + 331 * pixel // 512
     u, v = (grid.ravel() for grid in np.meshgrid(u, v))
     x, y, inside = undistort(u, v, settings, lens.width, lens.height)
     inside = np.asarray(inside, bool)
-    exact_x, exact_y = lens.undistort(u / 512, v / 512)
+    exact_x, exact_y = lens.undistort(u / pixel, v / pixel)
     inside &= np.isfinite(exact_x) & (
-        lens.distance_px(u / 512, v / 512) < (lens.usable_px or np.inf) - BORDER_PX)
-    error = np.hypot(np.asarray(x) / 512 - exact_x, np.asarray(y) / 512 - exact_y)
+        lens.distance_px(u / pixel, v / pixel) < (lens.usable_px or np.inf) - BORDER_PX)
+    error = np.hypot(np.asarray(x) / pixel - exact_x, np.asarray(y) / pixel - exact_y)
     return float(error[inside].max())
 
 
@@ -106,8 +109,9 @@ def _centre_error(table, size):
     spots = np.zeros(len(weight), QUEUED_DTYPE)
     spots["weight"] = weight
     spots["sum_u"] = spots["sum_v"] = np.rint(weight * position)
-    u, _ = centres(spots, table)
-    return float(np.abs(u / 512 - spots["sum_u"] / weight).max())
+    fraction = fraction_bits(size, size)
+    u, _ = centres(spots, table, fraction)
+    return float(np.abs(u / (1 << fraction) - spots["sum_u"] / weight).max())
 
 
 def with_lens(settings, lens):
@@ -170,7 +174,8 @@ def calibrate_beams(planes, nominal, lens, lens_report, options, settings):
     observations = Observations.of(planes, identity, lens)
     usable, offset, lines = _fit_usable(planes, observations, identity, lens, options.dead)
     z_min, z_max = _depth_range(options, [z_mm + offset.correction_mm for z_mm in distances])
-    windows = choose_windows(lines, nominal.columns, z_min, z_max, _reach(lens))
+    windows = choose_windows(lines, nominal.columns, z_min, z_max,
+                             fraction_bits(lens.width, lens.height), _reach(lens))
     tables = build_tables(lines, windows, nominal.columns, nominal.beams)
     settings = replace(settings, line=tables.line, window=tables.window, depth=tables.depth)
 

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from calibration.chessboards import FLAGGED_FOCAL
 from calibration.files import list_names
+from hdl.protocol import SMALL_SENSOR
+from model.preprocessing.centre import lsb_px
 
 __all__ = ["Figure", "figures", "health"]
 
@@ -14,7 +16,8 @@ _NAMED, _NAMED_BEAMS = 6, 12
 _LENS_PX, _LINES_PX, _HELD_OUT_PX, _DEPTH = 0.5, 0.1, 0.15, 0.005
 #: Least good values: share of the spots, px between lines.
 _SPOTS, _SEPARATION_PX = 0.95, 1.5
-#: The largest errors that the chip's arithmetic is meant to have.
+#: The largest errors that the chip's arithmetic is meant to have; those in px twice as large where
+#: coordinates have a fraction bit less.
 _CENTRE_PX, _UNDISTORTION_PX, _LINE_PX, _INVERSE_Z = 0.005, 0.01, 0.003, 1e-4
 
 
@@ -126,17 +129,21 @@ def _beams(result):
                depth <= _DEPTH, f"below {100 * _DEPTH:g} %", section=True)]
 
 
-def _chip(budget):
-    """Rows of the chip's rounding errors."""
+def _chip(calibration):
+    """Rows of the chip's rounding errors; in pixels, they grow with the LSB of a coordinate."""
+    budget = calibration.budget
+    larger = lsb_px(calibration.width, calibration.height) / lsb_px(SMALL_SENSOR, SMALL_SENSOR)
+    centre, undistortion, line = (larger * limit for limit in (
+        _CENTRE_PX, _UNDISTORTION_PX, _LINE_PX))
     return [
         Figure("centre", f"{budget['centre_px']:.4f} px", "largest rounding error",
-               budget["centre_px"] <= _CENTRE_PX, f"below {_CENTRE_PX} px"),
+               budget["centre_px"] <= centre, f"below {centre:g} px"),
         Figure("undistortion", f"{budget['undistortion_px']:.4f} px",
                "largest rounding error within the usable region; strong tangential distortion and "
                "strong magnification make it large",
-               budget["undistortion_px"] <= _UNDISTORTION_PX, f"below {_UNDISTORTION_PX} px"),
+               budget["undistortion_px"] <= undistortion, f"below {undistortion:g} px"),
         Figure("line", f"{budget['line_px']:.4f} px", "largest rounding error within the windows",
-               budget["line_px"] <= _LINE_PX, f"below {_LINE_PX} px"),
+               budget["line_px"] <= line, f"below {line:g} px"),
         Figure("1/z", f"{budget['depth_relative']:.1e}",
                "largest relative rounding error within the windows",
                budget["depth_relative"] <= _INVERSE_Z, f"below {_INVERSE_Z:.0e}")]
@@ -145,7 +152,7 @@ def _chip(budget):
 def figures(result):
     """All figures of a :class:`calibration.calibrate.Result`, a list of :class:`Figure`."""
     return [*_lens(result.calibration, result.lens_report), *_beams(result),
-            *_chip(result.calibration.budget)]
+            *_chip(result.calibration)]
 
 
 def health(result):

@@ -11,14 +11,15 @@ import simplejpeg
 from PIL import Image
 
 from calibration.files import read_octets
+from hdl.protocol import SENSOR_PIXELS
 from model.errors import UserError
 
 __all__ = ["LARGEST", "SUFFIXES", "image_size", "read_image"]
 
 #: Names of images end so.
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
-#: Pixels of a sensor's side at the most: coordinates have 9 bits before the point.
-LARGEST = 512
+#: Pixels of a sensor's side at the most.
+LARGEST = SENSOR_PIXELS[1]
 _FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "PPM")
 #: Octets of the largest image as a TIFF without compression, and as much again for what a camera
 #: adds.

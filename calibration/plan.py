@@ -13,13 +13,13 @@ from calibration.lens import Lens
 from calibration.projector import beam_slopes, predict
 from calibration.tables import (
     SEPARATION_PX,
-    TOLERANCE_PIXEL,
     TOLERANCE_PX,
     separations,
     spot_columns,
+    widest_tolerance,
     window_columns,
 )
-from hdl.protocol import MOST_BEAMS
+from hdl.protocol import MOST_BEAMS, fraction_bits
 from model.errors import UserError
 
 __all__ = ["Plan", "plan_mesh"]
@@ -87,7 +87,8 @@ def _judge(projector, lens, z_min, z_max):
     low, high = window_columns(alpha, beta, z_min, z_max)
     low, high = np.maximum(low, -half[0]), np.minimum(high, half[0])
     distance = separations(a, b, low, high, *spot_columns(alpha, beta, z_min)).min(axis=1)
-    tolerance = np.minimum(np.minimum(distance / 2, TOLERANCE_PX), 511 / TOLERANCE_PIXEL)
+    tolerance = np.minimum(np.minimum(distance / 2, TOLERANCE_PX), widest_tolerance(
+        fraction_bits(lens.width, lens.height)))
     share = (2 * tolerance * np.maximum(high - low, 0)).sum() / (lens.width * lens.height)
     pitch = np.inf
     mesh = spots.reshape(len(spots), projector.rows, projector.columns, 2)

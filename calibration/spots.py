@@ -3,8 +3,9 @@
 import numpy as np
 
 from calibration.identity import PlaneSpots
+from hdl.protocol import fraction_bits
 from model import paper
-from model.preprocessing.centre import LSB_PX, centres
+from model.preprocessing.centre import centres, lsb_px
 from model.preprocessing.front_chain import (
     find_corrected_spots,
     find_spots,
@@ -46,7 +47,9 @@ def image_spots(image, settings):
         noise = settings.fixed_noise or learn_noise(image, settings)
         level = lit_level(noise, settings) / 16
         spots, _, _ = find_spots(image, noise, settings)
-    u, v = (np.asarray(axis, float) * LSB_PX for axis in centres(spots, settings.reciprocal))
+    size = image.shape[::-1]
+    u, v = (np.asarray(axis, float) * lsb_px(*size)
+            for axis in centres(spots, settings.reciprocal, fraction_bits(*size)))
     return spots, u, v, level
 
 

@@ -5,16 +5,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.files import list_names
+from hdl.protocol import COORDINATE_BITS
 from model.errors import UserError
 from model.stereo.depth import INVERSE_Z_LIMIT, inverse_depth, pack_depth
 from model.stereo.epipolar import OK, pack_line, pack_window, unpack_line
 
-__all__ = ["Tables", "Windows", "build_tables", "choose_windows", "separations",
-           "spot_columns", "window_columns"]
+__all__ = ["Tables", "Windows", "build_tables", "choose_windows", "coordinate_reach",
+           "separations", "spot_columns", "widest_tolerance", "window_columns"]
 
-PIXEL = 1 << 9                      #: LSB of undistorted coordinates in a pixel
-WINDOW_PIXEL = 1 << 4               #: LSB of window limits in a pixel
-TOLERANCE_PIXEL = 1 << 5            #: LSB of tolerances in a pixel
+_WINDOW_BITS = 5  # a window's limit is so many bits shorter than a coordinate
+_TOLERANCE_BITS = 4  # a tolerance likewise
+_TOLERANCE_LIMIT = 511
 INVERSE_Z_ERROR = 1e-4              #: largest relative error of 1/z that rounding may make
 
 #: Margin of the u-windows beyond the depth range: a factor of the distance, then pixels.
@@ -30,6 +31,16 @@ SEPARATION_SIGMAS = 8.0
 #: A spot farther than this from a line is not its own, however far the next line is.
 TOLERANCE_PX = 1.5
 TOLERANCE_SIGMAS = 8.0
+
+
+def coordinate_reach(fraction):
+    """How far from the image centre an undistorted coordinate of the chip can lie, px."""
+    return (1 << COORDINATE_BITS - 1 - fraction) - 0.1
+
+
+def widest_tolerance(fraction):
+    """The largest tolerance that a table can hold, px."""
+    return _TOLERANCE_LIMIT / (1 << fraction - _TOLERANCE_BITS)
 
 
 def separations(a, b, low, high, others_low=None, others_high=None):
@@ -93,6 +104,8 @@ class Windows:
         Smallest separation of all, and as if there were no u-windows.
     z_min, z_max : :class:`float`
         The depth range without margin.
+    fraction : :class:`int`
+        Fraction bits of a coordinate of the chip.
     """
 
     low: np.ndarray
@@ -104,6 +117,7 @@ class Windows:
     smallest_whole_px: float
     z_min: float
     z_max: float
+    fraction: int
 
 
 def _named(beams, columns, limit=8):
@@ -112,7 +126,7 @@ def _named(beams, columns, limit=8):
                        for beam in beams], limit)
 
 
-def choose_windows(lines, columns, z_min, z_max, reach=(-255.9, 255.9)):
+def choose_windows(lines, columns, z_min, z_max, fraction=9, reach=None):
     """u-windows from the depth range, tolerances from the distances between lines and the noise.
 
     Parameters
@@ -123,20 +137,24 @@ def choose_windows(lines, columns, z_min, z_max, reach=(-255.9, 255.9)):
         Columns of the mesh, to name beams.
     z_min, z_max : :class:`float`
         Depth range in mm.
-    reach : (:class:`float`, :class:`float`)
-        First and last undistorted column where the lens model is valid.
+    fraction : :class:`int`
+        Fraction bits of a coordinate of the chip.
+    reach : (:class:`float`, :class:`float`) or None
+        First and last undistorted column where the lens model is valid; None for all of the chip.
 
     Returns
     -------
     :class:`Windows`
     """
     low, high = window_columns(lines.alpha, lines.beta, z_min, z_max)
+    most = coordinate_reach(fraction)
+    reach = (-most, most) if reach is None else reach
     low, high = np.maximum(low, reach[0]), np.minimum(high, reach[1])
     outside = np.flatnonzero(low >= high)
     if len(outside):
         raise UserError(
-            f"Beams {_named(lines.numbers[outside], columns)} never come within 256 px of the "
-            "image centre where the lens model is valid: turn the projector, or take it for "
+            f"Beams {_named(lines.numbers[outside], columns)} never come within {most:.0f} px of "
+            "the image centre where the lens model is valid: turn the projector, or take it for "
             "another depth range.")
     distance = separations(lines.a, lines.b, low, high,
                            *spot_columns(lines.alpha, lines.beta, z_min))
@@ -156,11 +174,12 @@ def choose_windows(lines, columns, z_min, z_max, reach=(-255.9, 255.9)):
     whole = separations(lines.a, lines.b, np.full(len(low), low.min()),
                         np.full(len(low), high.max()))
     cap = max(TOLERANCE_PX, TOLERANCE_SIGMAS * lines.sigma_v)
-    tolerance = np.minimum(np.minimum(separation / 2, cap), 511 / TOLERANCE_PIXEL)
+    tolerance = np.minimum(np.minimum(separation / 2, cap), widest_tolerance(fraction))
     return Windows(low=low, high=high, tolerance=tolerance, separation=separation,
                    neighbour=np.where(np.isinf(separation), -1, lines.numbers[neighbour]),
                    smallest_px=float(separation.min()),
-                   smallest_whole_px=float(whole.min()), z_min=float(z_min), z_max=float(z_max))
+                   smallest_whole_px=float(whole.min()), z_min=float(z_min), z_max=float(z_max),
+                   fraction=fraction)
 
 
 @dataclass(frozen=True)
@@ -209,24 +228,28 @@ def build_tables(lines, windows, columns, beams):
     :class:`Tables`
     """
     low, high = windows.low, windows.high
+    pixel = 1 << windows.fraction
+    window_pixel, tolerance_pixel = pixel >> _WINDOW_BITS, pixel >> _TOLERANCE_BITS
     slope = np.rint(lines.a * (1 << 17)).astype(np.int64)
     middle = (low + high) / 2
-    offset = np.rint((lines.a * middle + lines.b) * PIXEL
-                     - slope * middle * PIXEL / (1 << 17)).astype(np.int64)
+    offset = np.rint((lines.a * middle + lines.b) * pixel
+                     - slope * middle * pixel / (1 << 17)).astype(np.int64)
     steep = np.flatnonzero((np.abs(slope) >= 1 << 17) | (np.abs(offset) >= 1 << 17))
     if len(steep):
         raise UserError(
             f"The epipolar lines of beams {_named(lines.numbers[steep], columns)} are too steep, "
-            "or meet the middle column more than 256 px from the image centre: the projector must "
-            "stand beside the camera along the rows of the sensor.")
-    u_min = np.clip(np.floor(low * WINDOW_PIXEL), -4096, 4095).astype(np.int64)
-    u_max = np.clip(np.ceil(high * WINDOW_PIXEL), -4096, 4095).astype(np.int64)
-    tolerance = np.clip(np.floor(windows.tolerance * TOLERANCE_PIXEL), 1, 511).astype(np.int64)
+            "or meet the middle column "
+            f"more than {(1 << 17) // pixel} px from the image centre: the "
+            "projector must stand beside the camera along the rows of the sensor.")
+    u_min = np.clip(np.floor(low * window_pixel), -4096, 4095).astype(np.int64)
+    u_max = np.clip(np.ceil(high * window_pixel), -4096, 4095).astype(np.int64)
+    tolerance = np.floor(windows.tolerance * tolerance_pixel)
+    tolerance = np.clip(tolerance, 1, _TOLERANCE_LIMIT).astype(np.int64)
 
     # The last column of a window is a whole LSB of the window wide.
-    first = u_min * (PIXEL // WINDOW_PIXEL)
-    last = np.minimum((u_max + 1) * (PIXEL // WINDOW_PIXEL) - 1, (1 << 17) - 1)
-    ends = np.stack([first, last]) / PIXEL
+    first = u_min * (pixel // window_pixel)
+    last = np.minimum((u_max + 1) * (pixel // window_pixel) - 1, (1 << 17) - 1)
+    ends = np.stack([first, last]) / pixel
     inverse_z = lines.alpha * ends + lines.beta
     unreal = np.flatnonzero((inverse_z <= 0).any(axis=0))
     if len(unreal):
@@ -235,13 +258,13 @@ def build_tables(lines, windows, columns, beams):
             "distance: narrow the depth range (--depth-max).")
     # Rounding alpha moves 1/z by up to 64 LSB at the end of the widest window.
     unit = max(inverse_z.max() / (INVERSE_Z_LIMIT - 66),
-               np.abs(lines.alpha).max() / PIXEL / (((1 << 17) - 1) / 4096)) * (1 + 1e-9)
-    alpha = np.rint(lines.alpha / PIXEL / unit * 4096).astype(np.int64)
+               np.abs(lines.alpha).max() / pixel / (((1 << 17) - 1) / 4096)) * (1 + 1e-9)
+    alpha = np.rint(lines.alpha / pixel / unit * 4096).astype(np.int64)
     # The rounding of alpha turns the law about one column: where both ends of the window then
     # suffer the same relative error.
     pivot = (ends[0] * inverse_z[1] + ends[1] * inverse_z[0]) / inverse_z.sum(axis=0)
     beta = np.rint((lines.alpha * pivot + lines.beta) / unit * 4096
-                   - alpha * pivot * PIXEL).astype(np.int64)
+                   - alpha * pivot * pixel).astype(np.int64)
 
     depth = pack_depth(alpha, beta)
     line = pack_line(slope, offset)
@@ -250,10 +273,10 @@ def build_tables(lines, windows, columns, beams):
     for beam in range(len(slope)):
         x = np.unique(np.linspace(first[beam], last[beam], 201).astype(np.int64))
         estimate = ((stored[beam] * x + (1 << 16)) >> 17) + constant[beam]
-        exact = lines.a[beam] * x / PIXEL + lines.b[beam]
-        line_px = max(line_px, float(np.abs(estimate / PIXEL - exact).max()))
+        exact = lines.a[beam] * x / pixel + lines.b[beam]
+        line_px = max(line_px, float(np.abs(estimate / pixel - exact).max()))
         _, _, value = inverse_depth(x, np.full(len(x), beam), np.full(len(x), OK), depth)
-        exact = lines.alpha[beam] * x / PIXEL + lines.beta[beam]
+        exact = lines.alpha[beam] * x / pixel + lines.beta[beam]
         depth_relative = max(depth_relative, float(np.abs(value * unit / exact - 1).max()))
     if depth_relative > INVERSE_Z_ERROR:
         raise UserError(

@@ -3,9 +3,10 @@
 import numpy as np
 
 from calibration.lens import Lens
+from hdl.protocol import fraction_bits
 from model.errors import UserError
 from model.settings import Settings
-from model.stereo.undistort import ROUNDS, SEGMENTS, TANGENTIAL_BITS, radius_bits, undistort
+from model.stereo.undistort import ROUNDS, SEGMENTS, radius_bits, tangential_bits, undistort
 
 __all__ = ["BORDER_PX", "GAIN_LIMIT", "build", "lens_tables", "undistortion_settings"]
 
@@ -108,28 +109,30 @@ def lens_tables(lens, rounds=ROUNDS):
     width, height = lens.width, lens.height
     if not fx > 0:
         raise ValueError(f"The focal length must be positive, not {fx:g} px.")
-    tangential = [round(p / fx * 2**TANGENTIAL_BITS) for p in (lens.p1, lens.p2)]
+    scale = 2**tangential_bits(width, height)
+    pixel = 1 << fraction_bits(width, height)
+    tangential = [round(p / fx * scale) for p in (lens.p1, lens.p2)]
     if max(map(abs, tangential)) >= _WORD // 2:
         raise ValueError(f"The tangential distortion p1 = {lens.p1:g}, p2 = {lens.p2:g} is too "
                          f"strong for a focal length of {fx:g} px: the limit is "
-                         f"{fx * 2**17 / 2**27:.2g}.")
+                         f"{fx * 2**17 / scale:.2g}.")
     bits = radius_bits(width, height)
     if not (0 <= cx < width and 0 <= cy < height) or (
-            lens.corner_px**2 >= 2**bits and bits < 17):
+            lens.corner_px**2 >= 2**bits and bits < 35 - 2 * fraction_bits(width, height)):
         raise ValueError(f"The principal point ({cx:.1f}, {cy:.1f}) is too far from the centre of "
                          f"a {width} x {height} image.")
     settings = {
-        "principal_u": round(cx * 512), "principal_v": round(cy * 512),
+        "principal_u": round(cx * pixel), "principal_v": round(cy * pixel),
         "tangential_1": tangential[0], "tangential_2": tangential[1],
         "radial": _radial_table(lens, bits),
     }
 
     u, v = np.meshgrid(np.linspace(0, width - 1, 83), np.linspace(0, height - 1, 71))
-    u, v = (np.round(grid.ravel() * 512).astype(int) for grid in (u, v))
+    u, v = (np.round(grid.ravel() * pixel).astype(int) for grid in (u, v))
     if lens.usable_px is not None:
-        usable = lens.distance_px(u / 512, v / 512) < lens.usable_px - BORDER_PX
+        usable = lens.distance_px(u / pixel, v / pixel) < lens.usable_px - BORDER_PX
         u, v = u[usable], v[usable]
-    x, y = lens.undistort(u / 512, v / 512)
+    x, y = lens.undistort(u / pixel, v / pixel)
     gains = lens.gain(x, y)
     if np.isinf(gains).any():
         raise ValueError(
@@ -142,7 +145,7 @@ def lens_tables(lens, rounds=ROUNDS):
             f"{lens.k1:.4g}, k2 = {lens.k2:.4g}): an error of a centre would grow "
             f"{gains.max():.1f} times, and {GAIN_LIMIT:g} times is the limit.")
     chip_x, chip_y, ok = undistort(u, v, Settings(**settings), width, height, rounds)
-    error = np.hypot(chip_x / 512 - x, chip_y / 512 - y)
+    error = np.hypot(chip_x / pixel - x, chip_y / pixel - y)
     return {**settings, "worst_error": float(error[ok].max(initial=0)),
             "worst_gain": float(gains.max())}
 

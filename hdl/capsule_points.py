@@ -158,7 +158,8 @@ class CapsulePoints(wiring.Component):
             width=Shape.cast(Detection).width, depth=FRAMES_IN_FLIGHT))
         connect(m, stored.r_stream, flipped(self.detections))
         detection = Signal(Detection)
-        pixel, saturated = background.o.p, Signal(Detection.as_shape()["saturated"].shape)
+        pixel = background.o.p
+        saturated = Signal(range(self.config.width * self.config.height + 1))
         m.d.comb += [
             stored.w_en.eq(noise.i.valid & pixel.marker.frame_end),
             stored.w_data.eq(detection),

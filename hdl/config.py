@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from .protocol import MEAN_WINDOW_PIXELS, MOST_BEAMS, PRESET_NAMES, SENSOR_PIXELS
+from .protocol import MEAN_WINDOW_PIXELS, MOST_BEAMS, PRESET_NAMES, SENSOR_PIXELS, SMALL_SENSOR
 
 __all__ = ["Config", "FRAMES_IN_FLIGHT", "FRAME_US", "PRESETS", "check_config"]
 
@@ -26,7 +26,7 @@ class Config:
     baud : :class:`int`
         Rate of the serial line out of reset, bits per second; the host may change it.
     width, height : :class:`int`
-        Sensor size in pixels, 16 to 512 each.
+        Sensor size in pixels, 16 to 1024 each; 512 at most with the preset ``paper``.
     beams : :class:`int`
         Beams of the laser mesh (the paper's K), 1 to 512.
     lanes : :class:`int`
@@ -82,6 +82,11 @@ class Config:
             if not isinstance(value, int) or not low <= value <= high:
                 raise ValueError(
                     f"{name} must be an integer from {low} to {high}, not {value!r}")
+        if self.preset == "paper" and max(self.width, self.height) > SMALL_SENSOR:
+            raise ValueError(
+                f"The preset paper takes sensors of at most {SMALL_SENSOR} x {SMALL_SENSOR} pixels"
+                f", not {self.width} x {self.height}: its words of the remap table and its "
+                "external memory hold no more; use the preset capsule")
         if self.converter_latency is not None:
             read_us = self.width * self.height * self.converter_interval * 1e6 / self.clock_hz
             if read_us > FRAME_US - 1000:

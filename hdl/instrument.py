@@ -59,6 +59,11 @@ class Instrument(wiring.Component):
 
     def __init__(self, config, clock_gated=False):
         check_config(config)
+        read_us = -(-config.width * config.height * 1_000_000 // config.clock_hz)
+        if read_us > FRAME_US:
+            raise ValueError(
+                f"{config.width} x {config.height} pixels take {read_us} us to read at a pixel a "
+                f"clock, and a frame may take {FRAME_US} us: make clock_hz more")
         self.config = config
         self.clock_gated = clock_gated
         super().__init__({

@@ -1,28 +1,24 @@
 """Payloads of the streams that join the blocks.
 
 Fields stand in the order of their bits, the first one in the least significant bits. Image
-coordinates are Q9.9 pixels; what carries an ``end`` flag closes a frame with it, and all its other
-fields are then zero.
+coordinates are fixed-point pixels, see :func:`hdl.protocol.fraction_bits`; what carries an ``end``
+flag closes a frame with it, and all its other fields are then zero.
 """
 
 from amaranth.hdl import signed, unsigned
 from amaranth.lib import data, enum
 from amaranth.utils import bits_for
 
-from hdl.protocol import MOST_BEAMS
+from hdl.protocol import COORDINATE_BITS, MOST_BEAMS
 
 __all__ = [
-    "FRACTION_BITS", "COORDINATE_BITS", "BEAM_BITS", "AREA_LIMIT", "AREA_CODE_BITS",
+    "COORDINATE_BITS", "BEAM_BITS", "AREA_LIMIT", "AREA_CODE_BITS",
     "CONTRAST_FRACTION_BITS", "NOISE_BITS", "Marker", "GreyPixel", "ContrastPixel", "MaskPixel",
     "Spot", "QueuedSpot", "Counts", "Centre", "Undistorted", "Status", "Match", "Point",
     "FrameInfo", "Detection", "FrameTag", "PacketOctet", "MemoryCommand", "StoredFrame",
     "OverlaySpot",
 ]
 
-#: Bits behind the binary point of a coordinate in pixels.
-FRACTION_BITS = 9
-#: Bits of a coordinate: unsigned Q9.9 in the image, signed about its centre once undistorted.
-COORDINATE_BITS = 18
 #: Bits behind the binary point of a pixel's contrast in grey values.
 CONTRAST_FRACTION_BITS = 4
 #: Bits of the number of a beam.
@@ -37,7 +33,7 @@ AREA_CODE_BITS = 9
 
 _AREA_BITS = 11
 _WEIGHT_BITS = 18  # 1,023 pixels of weight 256
-_SUM_BITS = 27  # 261,888 times a row or column below 512
+_SUM_BITS = 28  # 261,888 times a row or column below 1024
 
 
 class Marker(data.Struct):
@@ -134,7 +130,7 @@ class Counts(data.Struct):
 
 
 class Centre(data.Struct):
-    """A spot's centre in the image, unsigned Q9.9 pixels."""
+    """A spot's centre in the image, unsigned."""
 
     end: 1
     rejected: 1
@@ -146,7 +142,7 @@ class Centre(data.Struct):
 
 
 class Undistorted(data.Struct):
-    """A :class:`Centre` with its undistorted place, signed Q9.9 pixels about the image centre."""
+    """A :class:`Centre` with its undistorted place, signed, about the image centre."""
 
     end: 1
     rejected: 1
@@ -239,7 +235,7 @@ class Detection(data.Struct):
     learning: 1
     level: 8 + CONTRAST_FRACTION_BITS
     noise: NOISE_BITS
-    saturated: 19
+    saturated: 21
 
 
 class PacketOctet(data.Struct):

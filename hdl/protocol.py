@@ -15,13 +15,19 @@ __all__ = [
     "CONTENT_LIMIT", "COMPACT", "PacketKind", "Flag", "Command", "Reason", "Mode", "Register",
     "Field", "Table", "TABLES", "REMAP", "TRAILER_FIELDS", "TEXTURE_FIELDS", "IDENTITY_FIELDS",
     "STATUS_FIELDS", "GUARD_CAUSES", "GUARD_LIMITS_US", "DISPLAY_FAULTS", "SENSOR_PIXELS",
-    "MEAN_WINDOW_PIXELS", "MOST_BEAMS", "registers", "tables",
+    "MEAN_WINDOW_PIXELS", "MOST_BEAMS", "COORDINATE_BITS", "SMALL_SENSOR", "fraction_bits",
+    "registers", "tables",
 ]
 
 #: The two designs, in the order of their codes in the reply to IDENTIFY.
 PRESET_NAMES = ("capsule", "paper")
 #: Least and largest width and height of a sensor.
-SENSOR_PIXELS = (16, 512)
+SENSOR_PIXELS = (16, 1024)
+#: A sensor with no side longer than this has one fraction bit more; preset ``paper`` takes
+#: no other.
+SMALL_SENSOR = 512
+#: Bits of a coordinate, unsigned in the image, signed about its centre once undistorted.
+COORDINATE_BITS = 18
 #: Least and largest side of the window of the local mean; it is odd.
 MEAN_WINDOW_PIXELS = (5, 31)
 #: Beams of the largest mesh.
@@ -36,6 +42,14 @@ WIRE_LIMIT = 100
 GAP_CHARACTERS = 3
 #: Octets of a packet before COBS (one more) and delimiters (two more), the check included.
 CONTENT_LIMIT = WIRE_LIMIT - 3
+
+
+def fraction_bits(width, height):
+    """Bits behind the binary point of a coordinate in pixels.
+
+    All arithmetic on coordinates is that of integers in LSBs, and the same for both.
+    """
+    return 9 if max(width, height) <= SMALL_SENSOR else 8
 
 
 @dataclass(frozen=True)
@@ -62,7 +76,7 @@ class COMPACT:
     """
 
     V_BITS = 12
-    V_OFFSET = 512  # one pixel
+    V_OFFSET = 512  # LSBs
     AREA_BITS = 6
     SHORT_BITS = 1 + V_BITS + 18 + AREA_BITS
     LONG_BITS = 1 + 18 + 18 + 9 + 2
@@ -216,10 +230,13 @@ def registers(clock_hz=16_000_000, baud=115_200):
         Register(0x16, "area_max", 10, 1023, "largest area of a spot in pixels", low=1),
         Register(0x17, "report_rejected", 1, 0, "send rejected spots too, while the queue is less "
                  "than half full"),
-        Register(0x18, "principal_u", 18, 0, "principal point, unsigned Q9.9 pixels"),
-        Register(0x19, "principal_v", 18, 0, "principal point, unsigned Q9.9 pixels"),
-        Register(0x1A, "tangential_1", 18, 0, "p1 over the focal length, times 2^27", signed=True),
-        Register(0x1B, "tangential_2", 18, 0, "p2 over the focal length, times 2^27", signed=True),
+        Register(0x18, "principal_u", 18, 0, "principal point, pixels; all coordinates have 9 "
+                 "fraction bits, or 8 if the sensor is wider or higher than 512"),
+        Register(0x19, "principal_v", 18, 0, "principal point, pixels; all coordinates have 9 "
+                 "fraction bits, or 8 if the sensor is wider or higher than 512"),
+        Register(0x1A, "tangential_1", 18, 0, "p1 over the focal length in pixels, times 2^27, "
+                 "or 2^28 with 8 fraction bits", signed=True),
+        Register(0x1B, "tangential_2", 18, 0, "p2 likewise", signed=True),
         Register(0x1C, "fixed_noise", 9, 0, "noise in eighths of a grey value instead of the "
                  "learnt one; 0 to learn it; this and the next three in preset `capsule` only"),
         Register(0x1D, "lit_gain", 6, 18, "lit level as a multiple of the noise, unsigned Q2.4",
@@ -276,9 +293,10 @@ TABLES = (
     Table(2, "radial", 1024, (
         Field("radial", 18, "radial scale, see model/stereo/undistort.py"),)),
     Table(3, "beams", MOST_BEAMS, (
-        Field("line", 36, "line k: slope, signed Q0.17, 18 bits; offset, signed Q9.9, 18"),
-        Field("window", 36, "tolerance, unsigned Q4.5, 9 bits (0 disables the beam); least and "
-              "largest x, signed Q9.4, 13 bits each; 1 bit zero"))),
+        Field("line", 36, "line k: slope, signed Q0.17, 18 bits; offset, a signed "
+              "coordinate, 18"),
+        Field("window", 36, "tolerance, unsigned, 9 bits, in 16 LSBs of a coordinate (0 disables "
+              "the beam); least and largest x, signed, 13 bits each, in 32 LSBs; 1 bit zero"))),
 )
 #: The preset ``paper`` has one more, in its external memory.
 REMAP = Table(4, "remap", None, (

@@ -11,7 +11,7 @@ from .payloads import Counts, Point, Spot, Undistorted
 from .ports import TABLE_PORT, connect_ports
 from .preprocessing.centre import Centring
 from .preprocessing.spot_queue import SpotQueue
-from .protocol import TABLES
+from .protocol import TABLES, fraction_bits
 from .stereo.depth import Depth
 from .stereo.epipolar import Epipolar
 from .stereo.undistort import Undistort
@@ -85,7 +85,7 @@ class Reconstruction(wiring.Component):
         size = {"width": config.width, "height": config.height}
         m.submodules.spot_stage = spot_stage = Stage(Spot)
         m.submodules.spot_queue = spot_queue = SpotQueue(config.spot_depth)
-        m.submodules.centre = centre = Centring()
+        m.submodules.centre = centre = Centring(fraction_bits(**size))
         m.submodules.undistort = undistort = Undistort(**size)
         m.submodules.match_stage = match_stage = Stage(Undistorted)
         m.submodules.epipolar = epipolar = Epipolar(config.beams, config.lanes)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from hdl.protocol import fraction_bits
 from model.link.points import POINT
 from model.preprocessing.centre import centres
 from model.stereo.depth import inverse_depth
@@ -28,7 +29,7 @@ def reconstruct(spots, settings, width, height):
     structured array
         Fields of :data:`model.link.points.POINT`, in the order of the spots.
     """
-    u, v = centres(spots, settings.reciprocal)
+    u, v = centres(spots, settings.reciprocal, fraction_bits(width, height))
     x, y, inside = undistort(u, v, settings, width, height)
     status, beam = match(x, y, spots["rejected"] | ~inside, settings.line, settings.window)
     status, beam, inverse_z = inverse_depth(x, beam, status, settings.depth)

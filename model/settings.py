@@ -42,7 +42,7 @@ class Settings:
     report_rejected : :class:`bool`
         Send rejected spots too, not only their number.
     principal_u, principal_v : :class:`int`
-        Principal point, unsigned Q9.9 pixels.
+        Principal point, in LSBs of a coordinate.
     tangential_1, tangential_2 : :class:`int`
         p1 and p2 over the focal length, in the unit of ``model.stereo.undistort``.
     radial, reciprocal, line, window, depth : :class:`tuple` of :class:`int`

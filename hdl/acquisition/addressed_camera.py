@@ -6,6 +6,7 @@ from amaranth.lib.fifo import SyncFIFO
 from amaranth.lib.wiring import In, Out
 
 from ..payloads import GreyPixel
+from ..protocol import SENSOR_PIXELS
 
 __all__ = ["AddressedCamera"]
 
@@ -57,7 +58,8 @@ class AddressedCamera(wiring.Component):
 
     def __init__(self, width, height, converter_latency=4, interval=2):
         for name, value, low, high in (
-                ("Frame width", width, 2, 512), ("Frame height", height, 2, 512),
+                ("Frame width", width, 2, SENSOR_PIXELS[1]),
+                ("Frame height", height, 2, SENSOR_PIXELS[1]),
                 ("The converter's latency", converter_latency, 1, 64),
                 ("The clocks of a pixel", interval, 2, 64)):
             if not isinstance(value, int) or not low <= value <= high:

@@ -6,6 +6,7 @@ from amaranth.lib.fifo import AsyncFIFO
 from amaranth.lib.wiring import In, Out
 
 from ..payloads import GreyPixel
+from ..protocol import SENSOR_PIXELS
 
 __all__ = ["Camera"]
 
@@ -58,8 +59,9 @@ class Camera(wiring.Component):
 
     def __init__(self, width, height):
         for name, value in (("width", width), ("height", height)):
-            if not isinstance(value, int) or not 2 <= value <= 512:
-                raise ValueError(f"Frame {name} must be an integer from 2 to 512, not {value!r}")
+            if not isinstance(value, int) or not 2 <= value <= SENSOR_PIXELS[1]:
+                raise ValueError(
+                    f"Frame {name} must be an integer from 2 to {SENSOR_PIXELS[1]}, not {value!r}")
         self.width, self.height = width, height
         super().__init__({
             "frame_valid": In(1),

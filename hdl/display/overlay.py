@@ -6,14 +6,16 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from ..acquisition.frame_banks import FrameBanks
-from ..payloads import COORDINATE_BITS, FRACTION_BITS, OverlaySpot
+from ..payloads import COORDINATE_BITS, OverlaySpot
+from ..protocol import SMALL_SENSOR, fraction_bits
 
 __all__ = ["DIAMONDS", "OverlayColour", "Overlay"]
 
 #: Spots of a frame that are drawn.
 DIAMONDS = 128
 _COUNT_BITS = 8
-_POSITION_BITS = COORDINATE_BITS - FRACTION_BITS + 1  # the last half pixel rounds up
+_FRACTION_BITS = fraction_bits(SMALL_SENSOR, SMALL_SENSOR)
+_POSITION_BITS = COORDINATE_BITS - _FRACTION_BITS + 1  # the last half pixel rounds up
 
 
 class OverlayColour(enum.Enum, shape=2):
@@ -127,15 +129,15 @@ class Overlay(wiring.Component):
         # Lists.
         count = Signal(range(DIAMONDS + 1))
         put = diamonds.write_port()
-        half = 1 << (FRACTION_BITS - 1)
+        half = 1 << (_FRACTION_BITS - 1)
         m.d.comb += [
             banks.closes.eq(self.i.valid & self.i.p.end),
             banks.info.number.eq(self.number),
             banks.info.count.eq(count),
             put.addr.eq(Cat(count[:-1], banks.write_bank)),
             put.data.ok.eq(self.i.p.ok),
-            put.data.column.eq((self.i.p.u + half) >> FRACTION_BITS),
-            put.data.row.eq((self.i.p.v + half) >> FRACTION_BITS),
+            put.data.column.eq((self.i.p.u + half) >> _FRACTION_BITS),
+            put.data.row.eq((self.i.p.v + half) >> _FRACTION_BITS),
             put.en.eq(self.i.valid & ~self.i.p.end & (count != DIAMONDS)),
         ]
         with m.If(self.i.valid):

@@ -10,6 +10,7 @@ from ..protocol import (
     CONTENT_LIMIT,
     MOST_BEAMS,
     PRESET_NAMES,
+    SENSOR_PIXELS,
     TABLE_VERSION,
     Command,
     Mode,
@@ -116,7 +117,7 @@ class Commands(wiring.Component):
     Parameters
     ----------
     width, height : :class:`int`
-        Sensor size in pixels, 16 to 512 each.
+        Sensor size in pixels, 16 to 1024 each.
     beams, lanes : :class:`int`
         The paper's K and P, 1 to :data:`hdl.protocol.MOST_BEAMS` and 1 to ``beams``.
     preset : :class:`str`
@@ -179,7 +180,7 @@ class Commands(wiring.Component):
     def __init__(self, width, height, beams, lanes, preset="capsule", clock_hz=16_000_000,
                  baud=115_200):
         for name, value, low, high in [
-                ("Frame width", width, 16, 512), ("Frame height", height, 16, 512),
+                ("Frame width", width, *SENSOR_PIXELS), ("Frame height", height, *SENSOR_PIXELS),
                 ("Beams", beams, 1, MOST_BEAMS), ("Lanes", lanes, 1, beams),
                 ("System clock", clock_hz, 1_000_000, 65_000_000)]:
             if not isinstance(value, int) or not low <= value <= high:

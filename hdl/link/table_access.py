@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from ..payloads import MemoryCommand
 from ..ports import TABLE_PORT
-from ..protocol import MOST_BEAMS, PRESET_NAMES, REMAP, tables
+from ..protocol import MOST_BEAMS, PRESET_NAMES, REMAP, SMALL_SENSOR, tables
 
 __all__ = ["TableAccess"]
 
@@ -60,8 +60,8 @@ class TableAccess(wiring.Component):
         if preset not in PRESET_NAMES:
             raise ValueError(f"Preset must be one of {', '.join(PRESET_NAMES)}, not {preset!r}")
         self.has_memory = preset == "paper"
-        # The sensor has at most 512 x 512 pixels.
-        most = max(table.count(MOST_BEAMS, 512 * 512) for table in tables(preset))
+        # Only the preset `paper` has a table of the size of the image.
+        most = max(table.count(MOST_BEAMS, SMALL_SENSOR**2) for table in tables(preset))
         super().__init__({
             "number": In(range(len(tables(preset)))),
             "address": In(range(most)),

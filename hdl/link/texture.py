@@ -6,7 +6,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from ..payloads import FrameInfo, GreyPixel, PacketOctet
-from ..protocol import CONTENT_LIMIT, TEXTURE_FIELDS, PacketKind
+from ..protocol import CONTENT_LIMIT, SENSOR_PIXELS, TEXTURE_FIELDS, PacketKind
 from .packet_fields import bits_of_fields, flags_octet
 
 __all__ = ["Texture"]
@@ -61,7 +61,7 @@ class Texture(wiring.Component):
     Parameters
     ----------
     width, height : :class:`int`
-        Frame size in pixels, 2 to 512.
+        Frame size in pixels, 2 to 1024.
     domain : :class:`str`
         Clock domain of ``o``, ``enable``, ``bad_sync`` and ``overrun``, and of all that works for
         them. Its clock is that of ``sync``, and may be stopped while ``busy`` is low.
@@ -91,8 +91,9 @@ class Texture(wiring.Component):
 
     def __init__(self, width, height, domain="sync"):
         for name, value in (("width", width), ("height", height)):
-            if not isinstance(value, int) or not 2 <= value <= 512:
-                raise ValueError(f"Frame {name} must be an integer from 2 to 512, not {value!r}")
+            if not isinstance(value, int) or not 2 <= value <= SENSOR_PIXELS[1]:
+                raise ValueError(
+                    f"Frame {name} must be an integer from 2 to {SENSOR_PIXELS[1]}, not {value!r}")
         self.width, self.height, self.domain = width, height, domain
         super().__init__({
             "i": In(stream.Signature(GreyPixel)),

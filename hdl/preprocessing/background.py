@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from ..payloads import CONTRAST_FRACTION_BITS, ContrastPixel, GreyPixel
 from ..ports import register_ports
-from ..protocol import MEAN_WINDOW_PIXELS
+from ..protocol import MEAN_WINDOW_PIXELS, SENSOR_PIXELS
 
 __all__ = ["Background"]
 
@@ -43,7 +43,7 @@ class Background(wiring.Component):
     Parameters
     ----------
     width : :class:`int`
-        Pixels of a row, at least ``2 * window``, at most 512. A frame must have at least
+        Pixels of a row, at least ``2 * window``, at most 1024. A frame must have at least
         ``window`` rows.
     window : :class:`int`
         Side of the window, odd, 5 to 31.
@@ -73,9 +73,10 @@ class Background(wiring.Component):
         if not isinstance(window, int) or not least <= window <= most or window % 2 == 0:
             raise ValueError(
                 f"The window must be an odd integer from {least} to {most}, not {window!r}")
-        if not isinstance(width, int) or not 2 * window <= width <= 512:
+        if not isinstance(width, int) or not 2 * window <= width <= SENSOR_PIXELS[1]:
             raise ValueError(
-                f"Frame width must be an integer from {2 * window} to 512, not {width!r}")
+                f"Frame width must be an integer from {2 * window} to {SENSOR_PIXELS[1]}, "
+                f"not {width!r}")
         self.width, self.window = width, window
         half = window // 2
         #: Steps from a pixel in the middle row, in the column that enters, to its contrast.

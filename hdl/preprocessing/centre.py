@@ -16,7 +16,8 @@ class Centring(wiring.Component):
 
     The weight is shifted left, a bit a clock, until its bit 17 is set, and the sums with it; the
     shifted weight gives the reciprocal by a table of 256 words and linear interpolation; two
-    multipliers serve u and v. The result is within 0.005 px of the quotient. The arithmetic and
+    multipliers serve u and v. The result is within 0.005 px of the quotient, 0.01 px with
+    8 fraction bits. The arithmetic and
     the format of the table are those of :func:`model.preprocessing.centre.centres`.
 
     A spot of weight w is taken ``21 - w.bit_length()`` clocks after the clock in which it became
@@ -27,10 +28,15 @@ class Centring(wiring.Component):
     Paper, section on the spot centres: a product with a coefficient from a table, there indexed
     by the area. Normalising is ours: 18 bits of 1/N would miss 0.01 px.
 
+    Parameters
+    ----------
+    fraction : :class:`int`
+        Fraction bits of the centre: 9, or 8 for columns and rows up to 1,023.
+
     Members
     -------
     i : :py:`In(stream.Signature(QueuedSpot))`
-        Spots and end markers. Weights are 1 to 261,888, sums below 512 times the weight.
+        Spots and end markers. Weights are 1 to 261,888, sums below 512 times the weight, or 1024.
     o : :py:`Out(stream.Signature(Centre))`
         The same with centres, in the same order.
     table_address : :py:`Out(8)`
@@ -46,7 +52,10 @@ class Centring(wiring.Component):
 
     latency = 21
 
-    def __init__(self):
+    def __init__(self, fraction=9):
+        if fraction not in (8, 9):
+            raise ValueError(f"A centre has 8 or 9 fraction bits, not {fraction!r}")
+        self.fraction = fraction
         super().__init__({
             "i": In(stream.Signature(QueuedSpot)),
             "o": Out(stream.Signature(Centre)),
@@ -63,7 +72,8 @@ class Centring(wiring.Component):
         # The spot stays at `i` until its centre is known: only what is shifted has registers. An
         # end marker's sums are zero, and so is what comes of them; its weight becomes 2**17.
         weight = Signal(18)
-        sums = [Signal(27, name=f"sum_{axis}") for axis in "uv"]
+        below = 9 - self.fraction  # bits of the sums that make no difference
+        sums = [Signal(27 + below, name=f"sum_{axis}") for axis in "uv"]
         m.d.comb += self.table_address.eq(weight[9:17])
 
         # The first multiplier also interpolates.
@@ -71,7 +81,7 @@ class Centring(wiring.Component):
         complement = Signal(17)
         factor = Signal(17)
         products = []
-        for axis, total in zip("uv", sums, strict=True):
+        for axis, total in zip("uv", (total[below:] for total in sums), strict=True):
             operand = Signal(17, name=f"operand_{axis}")
             product = Signal(34, name=f"product_{axis}")
             m.d.comb += [
@@ -88,7 +98,8 @@ class Centring(wiring.Component):
         ]
 
         result = []
-        for axis, total, product in zip("uv", sums, products, strict=True):
+        for axis, total, product in zip(
+                "uv", (total[below:] for total in sums), products, strict=True):
             # The two bits below the operand, in half LSBs, and what rounds.
             low = Signal(3, name=f"low_{axis}")
             m.d.comb += low.eq(1 + Mux(total[9], Mux(weight[16], 2, 3), 0)

@@ -159,7 +159,8 @@ class ComponentSums(wiring.Component):
             adds.eq(valid_2 & (root != 0)),
             so_far.eq(Mux(root == owner, sums, read.data)),
             total.eq(merge(_features(so_far), of_pixel(
-                pixel_2.core, C(0, 1), pixel_2.border, C(1, 1), pixel_2.column, pixel_2.row))),
+                pixel_2.core, C(0, 1), pixel_2.border, C(1, 1), pixel_2.column, pixel_2.row),
+                _SUM_BITS)),
         ]
         with m.If(adds):
             m.d.sync += [

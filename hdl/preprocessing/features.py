@@ -8,8 +8,9 @@ from amaranth import *
 from amaranth.lib import data
 
 from ..payloads import AREA_LIMIT, Spot
+from ..protocol import SMALL_SENSOR
 
-__all__ = ["Features", "empty", "of_pixel", "merge"]
+__all__ = ["Features", "empty", "merge", "of_pixel", "sum_bits"]
 
 
 class Features(data.Struct):
@@ -47,11 +48,16 @@ def of_pixel(core, saturated, border, weight, column, row):
     return _assembled(core, saturated, border, C(1, 1), weight, weight * column, weight * row)
 
 
-def merge(one, other):
-    """Features of two disjoint sets of pixels together."""
+def sum_bits(width, height):
+    """Bits of the sums of a component in a frame of that size."""
+    return Spot.as_shape()["sum_u"].width - (max(width, height) <= SMALL_SENSOR)
+
+
+def merge(one, other, bits):
+    """Features of two disjoint sets of pixels together; sums have so many bits."""
     area = one.area[:_AREA_BITS] + other.area[:_AREA_BITS]
     full = one.area[_AREA_BITS] | other.area[_AREA_BITS] | area[_AREA_BITS]
     return _assembled(
         one.core | other.core, one.saturated | other.saturated, one.border | other.border,
         Cat(area[:_AREA_BITS], full), one.weight + other.weight,
-        one.sum_u + other.sum_u, one.sum_v + other.sum_v)
+        (one.sum_u + other.sum_u)[:bits], (one.sum_v + other.sum_v)[:bits])

@@ -6,7 +6,8 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from ..payloads import AREA_LIMIT, MaskPixel, Spot
-from .features import Features, empty, merge, of_pixel
+from ..protocol import SENSOR_PIXELS
+from .features import Features, empty, merge, of_pixel, sum_bits
 
 __all__ = ["Labelling"]
 
@@ -98,7 +99,7 @@ class Labelling(wiring.Component):
     Parameters
     ----------
     width, height : :class:`int`
-        Size of a frame, up to 512 x 512.
+        Size of a frame, up to 1024 x 1024.
 
     Members
     -------
@@ -118,10 +119,12 @@ class Labelling(wiring.Component):
     latency = 3
 
     def __init__(self, width, height):
-        if not isinstance(width, int) or not 2 <= width <= 512:
-            raise ValueError(f"Frame width must be an integer from 2 to 512, not {width!r}")
-        if not isinstance(height, int) or not 1 <= height <= 512:
-            raise ValueError(f"Frame height must be an integer from 1 to 512, not {height!r}")
+        if not isinstance(width, int) or not 2 <= width <= SENSOR_PIXELS[1]:
+            raise ValueError(
+                f"Frame width must be an integer from 2 to {SENSOR_PIXELS[1]}, not {width!r}")
+        if not isinstance(height, int) or not 1 <= height <= SENSOR_PIXELS[1]:
+            raise ValueError(
+                f"Frame height must be an integer from 1 to {SENSOR_PIXELS[1]}, not {height!r}")
         self.width = width
         self.height = height
         super().__init__({
@@ -351,6 +354,7 @@ class Labelling(wiring.Component):
 
         A record that is read in the clock in which it is written is still in ``run``.
         """
+        bits = sum_bits(self.width, self.height)
         weight = Signal(9)
         drop = Signal()
         pixel = Signal(Features, reset_less=True)
@@ -372,8 +376,8 @@ class Labelling(wiring.Component):
         partial = Signal(Features, attrs={"keep": 1})
         m.d.comb += [
             stored.eq(Mux(s.add, record_read.data.features.as_value(), 0)),
-            partial.eq(merge(run, pixel)),
-            sums.eq(merge(partial, stored)),
+            partial.eq(merge(run, pixel, bits)),
+            sums.eq(merge(partial, stored, bits)),
             record_write.addr.eq(s.store_address),
             record_write.data.tail.eq(s.tail),
             record_write.data.features.eq(sums),

@@ -6,6 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from ..payloads import CONTRAST_FRACTION_BITS, NOISE_BITS, ContrastPixel
 from ..ports import register_ports
+from ..protocol import SENSOR_PIXELS
 
 __all__ = ["Noise"]
 
@@ -46,7 +47,7 @@ class Noise(wiring.Component):
     Parameters
     ----------
     width, height : :class:`int`
-        Pixels of a row, 16 to 512, and rows of a frame, 8 to 512.
+        Pixels of a row, 16 to 1024, and rows of a frame, 8 to 1024.
 
     Members
     -------
@@ -78,9 +79,10 @@ class Noise(wiring.Component):
 
     def __init__(self, width, height):
         for name, size, least in (("width", width, 16), ("height", height, 8)):
-            if not isinstance(size, int) or not least <= size <= 512:
+            if not isinstance(size, int) or not least <= size <= SENSOR_PIXELS[1]:
                 raise ValueError(
-                    f"Frame {name} must be an integer from {least} to 512, not {size!r}")
+                    f"Frame {name} must be an integer from {least} to {SENSOR_PIXELS[1]}, "
+                    f"not {size!r}")
         self.width, self.height = width, height
         super().__init__({
             "i": In(stream.Signature(ContrastPixel, always_ready=True)),

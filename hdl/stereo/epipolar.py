@@ -27,9 +27,9 @@ class Epipolar(wiring.Component):
 
     The estimate of line k is ``((slope * x + 2**16) >> 17) + offset``. A spot is on the line if it
     is closer to the estimate than the tolerance, and hits beam k if also ``u_min <= x <= u_max``,
-    both limits included, x truncated to Q9.4. One hit gives the beam, more make the spot ambiguous.
-    Without a hit it is rejected if it is on some line, else noise. Spots that come in rejected,
-    and end markers, take the same time and pass unchanged.
+    both limits included, x truncated to 32 LSBs. One hit gives the beam, more make the spot
+    ambiguous. Without a hit it is rejected if it is on some line, else noise. Spots that come in
+    rejected, and end markers, take the same time and pass unchanged.
 
     A tolerance of zero disables a beam; all are disabled until they are written. The words lie in
     two banks. A word may be written or read back at any time, but a spot that is being matched in
@@ -61,11 +61,11 @@ class Epipolar(wiring.Component):
     write_address : :py:`In(9)`
         Beam whose words are written or read, below ``beams``.
     write_line : :py:`In(36)`
-        Slope (signed 18 bits, Q0.17) and offset (signed 18 bits, Q9.9 pixels), slope in the low
+        Slope (signed 18 bits, Q0.17) and offset (signed 18 bits, a coordinate), slope in the low
         bits.
     write_window : :py:`In(36)`
-        Tolerance (unsigned 9 bits, Q4.5 pixels), ``u_min`` and ``u_max`` (signed 13 bits each,
-        Q9.4 pixels), in this order from the low bits.
+        Tolerance (unsigned 9 bits, in 16 LSBs of a coordinate), ``u_min`` and ``u_max`` (signed 13
+        bits each, in 32 LSBs), in this order from the low bits.
     read_line, read_window : :py:`Out(36)`
         Such words, in the clock after ``read_enable``. With more than two lanes there are several
         copies of each: if one has a fault, what is read is not what was written.

@@ -9,6 +9,7 @@ from amaranth.lib.wiring import In, Out
 
 from hdl.payloads import Centre, Undistorted
 from hdl.ports import register_ports
+from hdl.protocol import SENSOR_PIXELS, fraction_bits
 
 __all__ = ["Undistort"]
 
@@ -48,15 +49,15 @@ class Undistort(wiring.Component):
     clocks after it became valid, or later if ``o`` waits. End markers take one clock. Reset forgets
     what is under way; the table stays.
 
-    A spot is rejected where the chip has no answer: x, y or an intermediate position leaves +-256
-    px, or its radius leaves the table. Spots that come in rejected are undistorted too.
+    A spot is rejected where the chip has no answer: x, y or an intermediate position leaves its 18
+    bits, or its radius leaves the table. Spots that come in rejected are undistorted too.
 
     Paper, section on distortion correction, its second form: on the centres only.
 
     Parameters
     ----------
     width, height : :class:`int`
-        Sensor size in pixels, 16 to 512 each. They set the image centre and the table's range.
+        Sensor size in pixels, 16 to 1024 each. They set the image centre and the table's range.
     rounds : :class:`int`
         Rounds of the tangential iteration, 1 to 3.
 
@@ -67,9 +68,9 @@ class Undistort(wiring.Component):
     o : :py:`Out(stream.Signature(Undistorted))`
         The same, in the same order; x and y about the image centre.
     principal_u, principal_v : :py:`In(18)`
-        Principal point, unsigned Q9.9 pixels.
+        Principal point, a coordinate.
     tangential_1, tangential_2 : :py:`In(signed(18))`
-        p1 and p2 over the focal length in pixels, times 2**27.
+        p1 and p2 over the focal length in pixels, times 2**27; with 8 fraction bits, 2**28.
     bank : :py:`In(1)`
         Bank of the table that is looked up. May change while no spot is under way.
     write_bank : :py:`In(1)`
@@ -94,13 +95,15 @@ class Undistort(wiring.Component):
 
     def __init__(self, width, height, rounds=2):
         for name, value in [("width", width), ("height", height)]:
-            if not isinstance(value, int) or not 16 <= value <= 512:
+            if not isinstance(value, int) or not SENSOR_PIXELS[0] <= value <= SENSOR_PIXELS[1]:
                 raise ValueError(
-                    f"Frame {name} must be an integer from 16 to 512, not {value!r}")
+                    f"Frame {name} must be an integer from {SENSOR_PIXELS[0]} to "
+                    f"{SENSOR_PIXELS[1]}, not {value!r}")
         if not isinstance(rounds, int) or not 1 <= rounds <= 3:
             raise ValueError(f"Rounds must be an integer from 1 to 3, not {rounds!r}")
         self.width = width
         self.height = height
+        self.fraction = fraction_bits(width, height)
         self.rounds = rounds
         self.latency = 8 * rounds + 5
         self.period = self.latency + 1
@@ -120,7 +123,8 @@ class Undistort(wiring.Component):
     def radius_bits(self):
         """Bits of the squared radius that the table covers: 25 % beyond the corners."""
         need = (self.width**2 + self.height**2) * 5 / 16
-        return next((bits for bits in range(12, 17) if 2**bits >= need), 17)
+        most = 35 - 2 * self.fraction
+        return next((bits for bits in range(12, most) if 2**bits >= need), most)
 
     def elaborate(self, platform):
         m = Module()
@@ -244,7 +248,7 @@ class Undistort(wiring.Component):
             right.eq(Mux(steer.idle, 0, Mux(steer.use_position, position, scalar))),
             product.eq(left * right),
             offset.eq(principal - Mux(
-                steer.use_offset_of_centre, (size - 1) * 256, coordinate)),
+                steer.use_offset_of_centre, (size - 1) << self.fraction - 1, coordinate)),
             # The product, plus twice one of the others, plus one, which rounds. Written as a
             # difference, since carry chains want their first operand without logic before
             # it, and yosys does not swap those of a difference.
@@ -277,7 +281,7 @@ class Undistort(wiring.Component):
         # What makes an estimate is cut, to make room above for the tangential products.
         m.d.sync += scalar.eq(Mux(steer.estimate, across >> _ESTIMATE_SHIFT, across))
 
-        radius = across[self.radius_bits - _SUM_SHIFT:]
+        radius = across[self.radius_bits + 2 * self.fraction - 18 - _SUM_SHIFT:]
         segment = Signal(_SEGMENT_ADDRESS_BITS)
         looked_up = Signal(_SEGMENT_ADDRESS_BITS)
         host_address = Signal(11)

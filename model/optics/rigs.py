@@ -1,14 +1,14 @@
 """Complete rigs: camera, projector, spots, noise, and the distances they are made for.
 
-======================= ============= ================ ============= =============
-rig                     ``endoscope`` ``demonstrator`` ``small``     ``dense``
-======================= ============= ================ ============= =============
-sensor                  352 x 288     352 x 288        64 x 64       352 x 288
-beams                   7 x 7         7 x 7            4 x 4         19 x 19
-base                    5 mm          150 mm           5 mm          5 mm
-range                   40-110 mm     600-1100 mm      40-110 mm     40-110 mm
-smallest line distance  4.9 px        3.1 px           2.7 px        1.9 px
-======================= ============= ================ ============= =============
+======================= ============= ================ ============= ============= =============
+rig                     ``endoscope`` ``demonstrator`` ``small``     ``dense``     ``vga``
+======================= ============= ================ ============= ============= =============
+sensor                  352 x 288     352 x 288        64 x 64       352 x 288     640 x 480
+beams                   7 x 7         7 x 7            4 x 4         19 x 19       7 x 7
+base                    5 mm          150 mm           5 mm          5 mm          5 mm
+range                   40-110 mm     600-1100 mm      40-110 mm     40-110 mm     40-110 mm
+smallest line distance  4.9 px        3.1 px           2.7 px        1.9 px        8.1 px
+======================= ============= ================ ============= ============= =============
 
 The smallest distance of two lines is that over the whole mesh, for ``dense`` that where spots of
 both can be.
@@ -174,5 +174,11 @@ _DENSE = replace(
     margin_px=4.0,
 )
 
+_VGA = replace(
+    _ENDOSCOPE,
+    name="vga",
+    camera=Camera(640, 480, 600.0, (322.3, 237.1), k1=-0.12, k2=0.02, p1=5e-4, p2=-4e-4),
+)
+
 #: Ready rigs by name.
-RIGS = {rig.name: rig for rig in (_ENDOSCOPE, _DEMONSTRATOR, _SMALL, _DENSE)}
+RIGS = {rig.name: rig for rig in (_ENDOSCOPE, _DEMONSTRATOR, _SMALL, _DENSE, _VGA)}

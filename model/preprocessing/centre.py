@@ -2,16 +2,20 @@
 
 import numpy as np
 
-__all__ = ["LSB_PX", "centres"]
+from hdl.protocol import fraction_bits
 
-#: Centres have 9 bits behind the binary point; so have all image coordinates on the link.
-LSB_PX = 1 / 512
+__all__ = ["centres", "lsb_px"]
 
 _SLOPE_BITS = 16
 
 
-def centres(spots, reciprocal):
-    """Centres of gravity, unsigned Q9.9 pixels.
+def lsb_px(width, height):
+    """What one LSB of a centre is worth in pixels, and of all image coordinates on the link."""
+    return 2.0**-fraction_bits(width, height)
+
+
+def centres(spots, reciprocal, fraction=9):
+    """Centres of gravity in pixels, unsigned, with so many fraction bits.
 
     The weight is shifted left until its bit 17 is set, and the sums with it; be m the shifted
     weight, S a shifted sum, so that S / m is the centre. With R = 2**35 / m, between 2**17 and
@@ -30,6 +34,9 @@ def centres(spots, reciprocal):
         ``weight`` 1 to 261,888, ``sum_u``, ``sum_v`` below 512 times the weight.
     reciprocal : sequence of 256 :class:`int`
         The table, see :func:`calibration.reciprocal.reciprocal_table`.
+    fraction : :class:`int`
+        9; or 8, for sums below 1024 times the weight: half of S takes the place of S, and errors in
+        pixels are twice as large.
 
     Returns
     -------
@@ -47,7 +54,7 @@ def centres(spots, reciprocal):
 
     result = []
     for name in ("sum_u", "sum_v"):
-        total = spots[name].astype(np.int64) << shift
+        total = spots[name].astype(np.int64) << shift >> 9 - fraction
         high, next_bit, last_bit = total >> 10, (total >> 9) & 1, (total >> 8) & 1
         # In half LSBs: 1 rounds; the two bits below the product's operand are worth 1 to 2 LSB
         # and half of that.

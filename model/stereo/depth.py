@@ -31,7 +31,7 @@ def inverse_depth(x, beam, status, table):
     Parameters
     ----------
     x : array of :class:`int`
-        Undistorted column, signed Q9.9 pixels.
+        Undistorted column, signed, in LSBs of a coordinate.
     beam, status : array of :class:`int`
         From :func:`model.stereo.epipolar.match`.
     table : array of :class:`int`

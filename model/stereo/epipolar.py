@@ -29,12 +29,13 @@ def _packed(fields):
 
 
 def pack_line(slope, offset):
-    """Line words: slope signed 18 bits Q0.17, offset signed 18 bits Q9.9 pixels."""
+    """Line words: slope signed 18 bits Q0.17, offset signed 18 bits, a coordinate."""
     return _packed([("Slope", slope, 18, True), ("Offset", offset, 18, True)])
 
 
 def pack_window(tolerance, u_min, u_max):
-    """Window words: tolerance unsigned 9 bits Q4.5, limits of x signed 13 bits Q9.4 pixels."""
+    """Window words: tolerance unsigned 9 bits, in 16 LSBs of a coordinate, limits of x signed
+    13 bits, in 32 LSBs."""
     return _packed([("Tolerance", tolerance, 9, False), ("Lower window limit", u_min, 13, True),
                     ("Upper window limit", u_max, 13, True)])
 
@@ -56,12 +57,12 @@ def hits(x, y, line, window):
 
     The estimate is ``((slope * x + 2**16) >> 17) + offset``, exact, without wrapping. A spot is
     on the line when it is closer than the tolerance, so that a tolerance of zero disables a beam.
-    Its column, truncated to Q9.4, may equal both window limits.
+    Its column, truncated to 32 LSBs, may equal both window limits.
 
     Parameters
     ----------
     x, y : array of :class:`int`
-        Undistorted coordinates, signed Q9.9 pixels.
+        Undistorted coordinates, signed, in LSBs.
     line, window : array of :class:`int`
         A word for each beam.
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-__all__ = ["ROUNDS", "SEGMENTS", "TANGENTIAL_BITS", "radius_bits", "undistort"]
+from hdl.protocol import fraction_bits
+
+__all__ = ["ROUNDS", "SEGMENTS", "radius_bits", "tangential_bits", "undistort"]
 
 #: Times that the tangential part is evaluated.
 ROUNDS = 2
 #: Segments of the radial table, two words each.
 SEGMENTS = 512
-#: The tangential registers hold p1 and p2 over the focal length in pixels, times 2 to this.
-TANGENTIAL_BITS = 27
 
 _SEGMENT_BITS = 9  # fraction of a segment
 _SUM_SHIFT = 12
@@ -21,11 +21,17 @@ def radius_bits(width, height):
     """Bits of the squared radius, in px^2, that the radial table covers.
 
     The least n with 2**n at least 1.25 times the squared half diagonal, so that the principal
-    point may lie off the centre by a tenth of the half diagonal. At least 12, and at most 17,
-    beyond which coordinates leave their range.
+    point may lie off the centre by a tenth of the half diagonal. At least 12, and at most 17, or
+    19 with 8 fraction bits, beyond which coordinates leave their range.
     """
     need = (width * width + height * height) * 1.25 / 4
-    return next((bits for bits in range(12, 17) if 2**bits >= need), 17)
+    most = 17 + 2 * (9 - fraction_bits(width, height))
+    return next((bits for bits in range(12, most) if 2**bits >= need), most)
+
+
+def tangential_bits(width, height):
+    """The tangential registers hold p1 and p2 over the focal length in pixels, times 2 to this."""
+    return 36 - fraction_bits(width, height)
 
 
 def undistort(u, v, settings, width, height, rounds=ROUNDS):
@@ -49,15 +55,16 @@ def undistort(u, v, settings, width, height, rounds=ROUNDS):
     the principal point's rounding, 0.001 (g - 1). The tangential iteration leaves about k^n times
     the tangential shift after n rounds, with k = 6 p g r at the normalised radius r. Measured over
     random lenses: at most 0.007 px for p1, p2 up to 0.001 and g up to 3, or 0.002 and 2; with
-    three rounds up to 0.003 and 3, or 0.009 px for 0.005 and 2.
+    three rounds up to 0.003 and 3, or 0.009 px for 0.005 and 2. With 8 fraction bits all
+    integers are those of an image of half the size, and errors in pixels twice as large.
 
     Parameters
     ----------
     u, v : arrays of :class:`int`
-        Centres, unsigned Q9.9 pixels.
+        Centres, unsigned, with the fraction bits of the sensor's size, as all coordinates.
     settings : :class:`model.settings.Settings`
-        ``principal_u, principal_v`` (unsigned Q9.9), ``tangential_1, tangential_2`` (p1 and p2
-        over the focal length, signed, times 2**27) and ``radial``.
+        ``principal_u, principal_v`` (coordinates), ``tangential_1, tangential_2`` (p1 and p2 over
+        the focal length, signed, see :func:`tangential_bits`) and ``radial``.
     width, height : :class:`int`
         Sensor size in pixels.
     rounds : :class:`int`
@@ -66,15 +73,17 @@ def undistort(u, v, settings, width, height, rounds=ROUNDS):
     Returns
     -------
     x, y : arrays of int64
-        Signed Q9.9 pixels; where not ``ok`` they are what the chip's 18 bits hold.
+        Signed coordinates; where not ``ok`` they are what the chip's 18 bits hold.
     ok : array of :class:`bool`
-        Neither the result nor any y leaves +-256 px, nor |y|^2 the table.
+        Neither the result nor any y leaves the 18 bits of a coordinate, nor |y|^2 the table.
     """
     u, v = np.asarray(u, dtype=np.int64), np.asarray(v, dtype=np.int64)
     table = np.zeros((SEGMENTS, 2), dtype=np.int64)
     words = np.asarray(settings.radial, dtype=np.int64) & 0x3FFFF
     table.reshape(-1)[:len(words)] = words - ((words >> 17) << 18)
-    radius_shift = radius_bits(width, height)
+    fraction = fraction_bits(width, height)
+    # All is done in units in which a coordinate has 9 fraction bits: pixels, or two of them.
+    radius_shift = radius_bits(width, height) - 2 * (9 - fraction)
     principal = (settings.principal_u, settings.principal_v)
     tangential = (settings.tangential_2, settings.tangential_1)
     ok = np.ones(u.shape, dtype=bool)
@@ -115,7 +124,8 @@ def undistort(u, v, settings, width, height, rounds=ROUNDS):
         position = checked([(2 * h + 1 + ((p * square) >> _ADD_SHIFT)) >> 2 for h, p in zip(
             half, tangential, strict=True)])
     factor = wrapped(scale(position, True))
-    shift = [p - (size - 1) * 256 for p, size in zip(principal, (width, height), strict=True)]
+    shift = [p - ((size - 1) << fraction - 1) for p, size in zip(
+        principal, (width, height), strict=True)]
     x, y = checked([(2 * (2 * s + 1) + 1 + ((a * factor) >> _ADD_SHIFT)) >> 2 for s, a in zip(
         shift, position, strict=True)])
     return x, y, ok

@@ -12,7 +12,7 @@ __all__ = ["KINDS", "RIGS", "add_arguments", "main"]
 
 _MOST_FRAMES = 10000
 KINDS = ("plane", "tilted", "polyp", "tube", "mixed", "tissue")
-RIGS = ("endoscope", "demonstrator", "small", "dense")
+RIGS = ("endoscope", "demonstrator", "small", "dense", "vga")
 
 
 def add_arguments(parser):

@@ -29,7 +29,7 @@ def add_arguments(parser):
         "rejected spots.")
     parser.add_argument(
         "images", nargs="+", type=Path, metavar="IMAGE|FOLDER",
-        help="grey 8-bit images of up to 512 x 512 pixels, or folders of them; of a capture the "
+        help="grey 8-bit images of up to 1024 x 1024 pixels, or folders of them; of a capture the "
              "frames are taken, of frames the pattern images")
     parser.add_argument(
         "-o", "--output", required=True, type=Path, metavar="OUT",

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from model.preprocessing.centre import LSB_PX
+from hdl.protocol import SMALL_SENSOR
+from model.preprocessing.centre import lsb_px
 from scripts.results.drift import DriftMonitor
 from scripts.results.locator import Locator, find_duplicates
 from scripts.results.points import DUPLICATE, OK, POINT, STATUS
@@ -32,6 +33,8 @@ class FrameLocator:
     """
 
     def __init__(self, calibration=None):
+        #: Sensor size in pixels, for u and v without a calibration. None: with no side above 512.
+        self.size = None
         self._locate = calibration and Locator(calibration)
         self._monitor = calibration and DriftMonitor(calibration)
         self.drift = None
@@ -56,8 +59,9 @@ class FrameLocator:
         points["beam"] = np.where(
             points["status"] == OK, np.asarray(reported["beam"], np.int16), -1)
         points["status"][find_duplicates(reported)] = DUPLICATE
+        scale = lsb_px(*(self.size or (SMALL_SENSOR, SMALL_SENSOR)))
         for name in "uv":
-            points[name] = np.asarray(reported[name], float) * LSB_PX
+            points[name] = np.asarray(reported[name], float) * scale
         for name in "xyz":
             points[name] = np.nan
         return points

@@ -62,7 +62,7 @@ class Rebuilder:
         self.settings, self.width, self.height = settings, width, height
 
     def __call__(self, u, v):
-        """Status, beam and inverse depth at image coordinates, unsigned Q9.9 pixels."""
+        """Status, beam and inverse depth at image coordinates, unsigned, in LSBs."""
         settings = self.settings
         x, y, inside = undistort(u, v, settings, self.width, self.height)
         status, beam = match(x, y, ~inside, settings.line, settings.window)

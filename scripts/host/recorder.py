@@ -263,6 +263,7 @@ class Recorder:
             if self.calibration is not None:
                 check_chip(self.identity, self.calibration)
             size = self.identity["width"], self.identity["height"]
+            self.locate.size = size
             for image in self.images.values():
                 if image.size is None:
                     image.resize(size)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from hdl.protocol import MOST_BEAMS
-from model.preprocessing.centre import LSB_PX
+from model.preprocessing.centre import lsb_px
 from model.stereo.epipolar import unpack_line
 from model.stereo.undistort import undistort
 from scripts.results.doubt import contradicts, is_near
@@ -45,7 +45,7 @@ def find_duplicates(reported, calibration=None):
 
 
 def _line_distance(reported, calibration):
-    """Distance of ok spots from their beams' epipolar lines in 1/512 px; 0 where it is unknown."""
+    """Distance of ok spots from their beams' epipolar lines in LSBs; 0 where it is unknown."""
     beam = np.asarray(reported["beam"], np.int64)
     if calibration is None or not len(beam) or beam.max() >= len(calibration.settings.line):
         return np.zeros(len(beam), np.int64)
@@ -79,6 +79,7 @@ class Locator:
 
     def __init__(self, calibration, related=True):
         self.calibration, self.related = calibration, related
+        self._lsb_px = lsb_px(calibration.width, calibration.height)
         self._last = np.full(MOST_BEAMS, np.nan)  # 1/z of each beam's last ok point
 
     def __call__(self, reported, index, grey):
@@ -120,7 +121,7 @@ class Locator:
     def _doubt(self, points, reported, chosen, best):
         """Which of the chosen spots contradict the best ones, and the past."""
         beam, inverse = points["beam"][chosen], 1 / points["z"][chosen]
-        distance = _line_distance(reported[chosen], self.calibration) * LSB_PX
+        distance = _line_distance(reported[chosen], self.calibration) * self._lsb_px
         return contradicts(
             beam, inverse, distance, points["beam"][best], 1 / points["z"][best],
             self.calibration.columns) & ~is_near(inverse, self._last[beam])
@@ -136,7 +137,8 @@ def _rows(reported, index, calibration, grey):
     points["status"][find_duplicates(reported, calibration)] = DUPLICATE
     points["beam"] = np.where(ok, np.asarray(reported["beam"], np.int16), -1)
     lens = calibration.lens
-    u, v = (np.asarray(reported[name], float) * LSB_PX for name in "uv")
+    scale = lsb_px(calibration.width, calibration.height)
+    u, v = (np.asarray(reported[name], float) * scale for name in "uv")
     if calibration.settings.remap:
         undistorted = u - lens.centre[0], v - lens.centre[1]
         u, v = lens.distort(*undistorted)

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from model.preprocessing.centre import lsb_px
 from scripts.results.outputs import whole_file
 from scripts.results.points import STATUS
 from scripts.results.summary import COLOURS
@@ -43,10 +44,12 @@ def beam_segments(calibration, samples=17):
 
     These are the lines and windows in the chip's tables, distorted by the lens.
     """
+    # As in the chip: limits of a window are 5 bits shorter than coordinates.
+    lsb = lsb_px(calibration.width, calibration.height)
     segments = []
     for line, window in zip(calibration.settings.line, calibration.settings.window, strict=True):
-        a, b = _signed(line, 18) / 2**17, _signed(line >> 18, 18) / 2**9
-        low, high = _signed(window >> 9, 13) / 2**4, _signed(window >> 22, 13) / 2**4
+        a, b = _signed(line, 18) / 2**17, _signed(line >> 18, 18) * lsb
+        low, high = (_signed(window >> at, 13) * 32 * lsb for at in (9, 22))
         if not window & 0x1FF or high < low:
             segments.append(np.full((samples, 2), np.nan))
             continue

@@ -8,7 +8,7 @@ from calibration.calibrate import with_lens
 from calibration.lens import Lens
 from hdl.config import PRESETS
 from model.errors import UserError
-from model.preprocessing.centre import LSB_PX
+from model.preprocessing.centre import lsb_px
 from scripts.results.spot_rows import spot_settings, spots_of
 from scripts.simulation.engine import RTLEngine
 
@@ -54,8 +54,8 @@ class SpotEngine:
             If the chip reports a spot that the model does not find.
         """
         frame, = self._engine.frames([image], independent=True)
-        model = spots_of(image)
-        expected = {(round(spot["u"] / LSB_PX), round(spot["v"] / LSB_PX), int(spot["area"])):
+        model, lsb = spots_of(image), lsb_px(*image.shape[::-1])
+        expected = {(round(spot["u"] / lsb), round(spot["v"] / lsb), int(spot["area"])):
                     index for index, spot in enumerate(model)}
         points = frame.points
         keys = list(zip(*(points[name].tolist() for name in ("u", "v", "area")), strict=True))

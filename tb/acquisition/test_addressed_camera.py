@@ -30,8 +30,8 @@ def test_a_frame_takes_no_longer_than_from_a_camera_of_8_mhz():
 
 
 @pytest.mark.parametrize("arguments, sentence", [
-    ((1, 5), "Frame width must be an integer from 2 to 512, not 1"),
-    ((8, 513), "Frame height must be an integer from 2 to 512, not 513"),
+    ((1, 5), "Frame width must be an integer from 2 to 1024, not 1"),
+    ((8, 1025), "Frame height must be an integer from 2 to 1024, not 1025"),
     ((8, 8, 0), "The converter's latency must be an integer from 1 to 64, not 0"),
     ((8, 8, 4, 1), "The clocks of a pixel must be an integer from 2 to 64, not 1"),
 ])

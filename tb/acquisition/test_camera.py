@@ -33,9 +33,9 @@ def test_model_keeps_frames_apart(fault, seed):
 
 
 @pytest.mark.parametrize("size,error", [
-    ((1, 5), "Frame width must be an integer from 2 to 512, not 1"),
-    ((8, 513), "Frame height must be an integer from 2 to 512, not 513"),
-    ((8, "x"), "Frame height must be an integer from 2 to 512, not 'x'"),
+    ((1, 5), "Frame width must be an integer from 2 to 1024, not 1"),
+    ((8, 1025), "Frame height must be an integer from 2 to 1024, not 1025"),
+    ((8, "x"), "Frame height must be an integer from 2 to 1024, not 'x'"),
 ])
 def test_refuses_sizes(size, error):
     with pytest.raises(ValueError) as caught:

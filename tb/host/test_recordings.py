@@ -107,7 +107,7 @@ def test_textures_of_unknown_size():
     assert not texture.add(fragment(1, 2, 7, 8))
     assert texture.image.tolist() == [[0, 0, 0, 0], [0, 0, 7, 8]]
     assert not texture.add(fragment(0, 0, 1, 2, 3, 4)) and texture.image.shape == (2, 4)
-    assert not texture.add(fragment(600, 0, 1)) and texture.outside == 1
+    assert not texture.add(fragment(1100, 0, 1)) and texture.outside == 1
     texture.resize((4, 2))
     assert not texture.add(fragment(0, 4, 1)) and not texture.add(fragment(2, 0, 1))
     assert texture.outside == 3

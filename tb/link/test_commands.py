@@ -338,8 +338,8 @@ def test_is_small():
 
 
 @pytest.mark.parametrize("arguments,error", [
-    ((15, 64, 4, 2), "Frame width must be an integer from 16 to 512, not 15"),
-    ((64, 513, 4, 2), "Frame height must be an integer from 16 to 512, not 513"),
+    ((15, 64, 4, 2), "Frame width must be an integer from 16 to 1024, not 15"),
+    ((64, 1025, 4, 2), "Frame height must be an integer from 16 to 1024, not 1025"),
     ((64, 64, 513, 2), "Beams must be an integer from 1 to 512, not 513"),
     ((64, 64, 4, 5), "Lanes must be an integer from 1 to 4, not 5"),
     ((64, 64, 4, 2, "foo"), "Preset must be one of capsule, paper, not 'foo'"),

@@ -17,9 +17,9 @@ def test_texture(request, width, height, clock_gated, seed):
 
 
 @pytest.mark.parametrize("width,height,sentence", [
-    (1, 8, "Frame width must be an integer from 2 to 512, not 1"),
-    (8, 513, "Frame height must be an integer from 2 to 512, not 513"),
-    ("foo", 8, "Frame width must be an integer from 2 to 512, not 'foo'")])
+    (1, 8, "Frame width must be an integer from 2 to 1024, not 1"),
+    (8, 1025, "Frame height must be an integer from 2 to 1024, not 1025"),
+    ("foo", 8, "Frame width must be an integer from 2 to 1024, not 'foo'")])
 def test_bad_size(width, height, sentence):
     with pytest.raises(ValueError, match=sentence):
         Texture(width, height)

@@ -108,7 +108,7 @@ CAPTURES = {
     "no key": (edit("capture.toml", "focal_px", "focal"), "has no focal_px in [sensor]"),
     "text width": (edit("capture.toml", "width = 64", "width = '64'"), "width in [sensor] must be"),
     "true width": (edit("capture.toml", "width = 64", "width = true"), "width in [sensor] must be"),
-    "wide": (edit("capture.toml", "width = 64", "width = 640"), "an integer from 8 to 512"),
+    "wide": (edit("capture.toml", "width = 64", "width = 1040"), "an integer from 8 to 1024"),
     "no focal": (edit("capture.toml", "focal_px = ", "focal_px = -"), "focal_px in [sensor] must"),
     "endless": (edit("capture.toml", "pitch_deg = ", "pitch_deg = inf #"), "pitch_deg in"),
     "many beams": (edit("capture.toml", "columns = 4\npitch", "columns = 400\npitch"), "4 x 400 "),

@@ -18,6 +18,17 @@ def errors(weight, total):
     return (u * weight - 512 * total) / (512.0 * weight)
 
 
+@pytest.mark.parametrize("seed", [1])
+def test_larger_sensors(seed):
+    """With 8 fraction bits, twice the error in pixels for columns up to 1,023."""
+    rng = np.random.default_rng(seed)
+    weight = np.tile(np.arange(1, 261_889), 2)
+    total = np.rint(weight * rng.uniform(0, 1023, len(weight))).astype(np.int64)
+    total[:261_888] = 1023 * weight[:261_888]
+    u, _ = centres({"weight": weight, "sum_u": total, "sum_v": total}, TABLE, 8)
+    assert np.abs(u / 256 - total / weight).max() <= 2 * LIMIT
+
+
 def test_table_words():
     assert len(TABLE) == 256
     assert all(isinstance(word, int) and 0 <= word < 2**36 for word in TABLE)

@@ -11,7 +11,8 @@ from tb.model.truth import ALL, uv
 @ALL
 def test_rigs_keep_their_promises(rig):
     """Lines of all beams are apart over the whole mesh; of the dense one where both can be."""
-    documented = {"endoscope": 4.85, "demonstrator": 3.05, "small": 2.65, "dense": 1.9}[rig.name]
+    documented = {"endoscope": 4.85, "demonstrator": 3.05, "small": 2.65, "dense": 1.9,
+                  "vga": 8.05}[rig.name]
     planes = rig.calibration_planes()
     assert len(planes) >= 8 and planes.min() < rig.range_mm[0] and planes.max() > rig.range_mm[1]
     shared, whole_mesh = line_separation(rig.camera, rig.projector, planes.min(), planes.max())
@@ -19,7 +20,8 @@ def test_rigs_keep_their_promises(rig):
     for z in planes:
         truth, _, _ = spots.trace(rig, scenes.Plane(z))
         assert truth["visible"].all() and rig.camera.inside(uv(truth), rig.margin_px * 0.8).all()
-        assert (truth["sigma_minor_px"] > 1.0).all() and (truth["sigma_major_px"] < 2.0).all()
+        widest = 3.0 if rig.name == "vga" else 2.0
+        assert (truth["sigma_minor_px"] > 1.0).all() and (truth["sigma_major_px"] < widest).all()
         inside = rig.range_mm[0] <= z <= rig.range_mm[1]
         assert (truth["inside"] == inside).all()
 

@@ -20,12 +20,17 @@ def settings_of(tables):
     return Settings(**{name: tables[name] for name in FIELDS})
 
 
+def fraction(width, height):
+    """Fraction bits of coordinates."""
+    return 9 if max(width, height) <= 512 else 8
+
+
 def positions(width, height, seed, count=900):
-    """Centres all over the image, its corners and borders among them, Q9.9."""
+    """Centres all over the image, its corners and borders among them."""
     rng = np.random.default_rng(seed)
-    u = rng.integers(0, (width - 1) * 512 + 1, count)
-    v = rng.integers(0, (height - 1) * 512 + 1, count)
-    right, bottom = (width - 1) * 512, (height - 1) * 512
+    right, bottom = (width - 1 << fraction(width, height), height - 1 << fraction(width, height))
+    u = rng.integers(0, right + 1, count)
+    v = rng.integers(0, bottom + 1, count)
     u[:200], v[200:400] = rng.choice([0, right], 200), rng.choice([0, bottom], 200)
     u[:4], v[:4] = (0, 0, right, right), (0, bottom, 0, bottom)
     return u, v
@@ -34,7 +39,8 @@ def positions(width, height, seed, count=900):
 def exact(u, v, lens, width, height):
     """Undistorted positions about the image centre in float, and the gain there."""
     focal, cx, cy, *distortion = lens
-    x, y = oracle.undistort((u / 512 - cx) / focal, (v / 512 - cy) / focal, *distortion)
+    pixel = 1 << fraction(width, height)
+    x, y = oracle.undistort((u / pixel - cx) / focal, (v / pixel - cy) / focal, *distortion)
     return (x * focal + cx - (width - 1) / 2, y * focal + cy - (height - 1) / 2,
             oracle.gain(x, y, *distortion))
 
@@ -171,6 +177,26 @@ def test_table_range():
     assert radius_bits(64, 64) == 12
     assert radius_bits(16, 16) == 12
     assert radius_bits(512, 512) == 17
+    assert radius_bits(640, 480) == 18
+    assert radius_bits(1024, 1024) == 19
+
+
+@pytest.mark.parametrize("size", [(640, 480), (1000, 700)], ids="{0[0]}x{0[1]}".format)
+@pytest.mark.parametrize("k1,k2,tangential,gain", [
+    (-0.3, 0.05, 5e-4, 3), (-0.2, 0.03, 1e-3, 3), (0.2, 0.05, 2e-3, 2)])
+def test_larger_sensors(size, k1, k2, tangential, gain):
+    """A fraction bit less: twice the error in pixels, over twice the range."""
+    width, height = size
+    lens = (width, (width - 1) / 2 + 7.3, (height - 1) / 2 - 5.6, k1, k2, tangential, -tangential)
+    tables = build(*lens, *size)
+    assert tables["worst_gain"] <= gain and tables["worst_error"] <= 2 * LIMIT
+    u, v = positions(*size, 1, 5000)
+    x, y, ok = undistort(u, v, settings_of(tables), *size)
+    wanted_x, wanted_y, _ = exact(u, v, lens, *size)
+    size_of = np.maximum(np.abs(wanted_x), np.abs(wanted_y))
+    assert ok[size_of < 511].all() and not ok[size_of > 512.2].any()
+    error = np.hypot(x / 256 - wanted_x, y / 256 - wanted_y)[ok].max()
+    assert error <= 2 * LIMIT, f"{error:.4f} px"
 
 
 @pytest.mark.parametrize("lens,sentence", [

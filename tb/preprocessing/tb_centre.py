@@ -22,7 +22,7 @@ def word(spot):
     if spot is END:
         return 1
     rejected, area, weight, sum_u, sum_v = spot  # the area's code and the two flags above it
-    return rejected << 1 | area << 2 | weight << 13 | sum_u << 31 | sum_v << 58
+    return rejected << 1 | area << 2 | weight << 13 | sum_u << 31 | sum_v << 59
 
 
 def expected(spots):

@@ -30,7 +30,7 @@ def spot(rng, area=None, core=None):
 def word(spot):
     core, saturated, border, area, weight, sum_u, sum_v = spot
     return (int(core) << 2 | saturated << 3 | border << 4 | area << 5 | weight << 16
-            | sum_u << 34 | sum_v << 61)
+            | sum_u << 34 | sum_v << 62)
 
 
 def kept(spots, settings):
@@ -38,7 +38,7 @@ def kept(spots, settings):
     queued, counts = filter_spots(np.array(spots, SPOT_DTYPE), settings)
     return [int(s["rejected"]) << 1 | int(area_code(s["area"])) << 2 | int(s["saturated"]) << 11
             | int(s["border"]) << 12 | int(s["weight"]) << 13 | int(s["sum_u"]) << 31
-            | int(s["sum_v"]) << 58 for s in queued], counts
+            | int(s["sum_v"]) << 59 for s in queued], counts
 
 
 def counts_word(counts, dropped=0, broken=0):

@@ -154,8 +154,8 @@ def test_broken_frames_are_forgotten(gap, stall, seed):
 @pytest.mark.parametrize("choices, sentence", [
     ({"width": 64, "window": 8}, "The window must be an odd integer from 5 to 31, not 8"),
     ({"width": 80, "window": 33}, "The window must be an odd integer from 5 to 31, not 33"),
-    ({"width": 21}, "Frame width must be an integer from 22 to 512, not 21"),
-    ({"width": 513}, "Frame width must be an integer from 22 to 512, not 513"),
+    ({"width": 21}, "Frame width must be an integer from 22 to 1024, not 21"),
+    ({"width": 1025}, "Frame width must be an integer from 22 to 1024, not 1025"),
 ])
 def test_refuses(choices, sentence):
     with pytest.raises(ValueError, match=sentence):

@@ -258,15 +258,15 @@ def test_reset_forgets():
         check_spots(spots, label(*(part[index] for part in parts), True), f"frame {index}")
 
 
-@pytest.mark.parametrize("width", [0, 1, 513, 3.5, "foo"])
+@pytest.mark.parametrize("width", [0, 1, 1025, 3.5, "foo"])
 def test_bad_width(width):
-    with pytest.raises(ValueError, match="Frame width must be an integer from 2 to 512, not "):
+    with pytest.raises(ValueError, match="Frame width must be an integer from 2 to 1024, not "):
         Labelling(width, 4)
 
 
-@pytest.mark.parametrize("height", [0, 513, None])
+@pytest.mark.parametrize("height", [0, 1025, None])
 def test_bad_height(height):
-    with pytest.raises(ValueError, match="Frame height must be an integer from 1 to 512, not "):
+    with pytest.raises(ValueError, match="Frame height must be an integer from 1 to 1024, not "):
         Labelling(4, height)
 
 

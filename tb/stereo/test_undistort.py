@@ -128,9 +128,9 @@ def test_a_row_of_spots(seed):
 
 
 @pytest.mark.parametrize("width,height,rounds,error", [
-    (15, 64, 2, "Frame width must be an integer from 16 to 512, not 15"),
-    (64, 513, 2, "Frame height must be an integer from 16 to 512, not 513"),
-    (64, "x", 2, "Frame height must be an integer from 16 to 512, not 'x'"),
+    (15, 64, 2, "Frame width must be an integer from 16 to 1024, not 15"),
+    (64, 1025, 2, "Frame height must be an integer from 16 to 1024, not 1025"),
+    (64, "x", 2, "Frame height must be an integer from 16 to 1024, not 'x'"),
     (64, 64, 0, "Rounds must be an integer from 1 to 3, not 0"),
 ])
 def test_wrong_parameters(width, height, rounds, error):

@@ -4,6 +4,7 @@ import numpy as np
 
 from calibration.reciprocal import reciprocal_table
 from calibration.undistortion import build
+from hdl.protocol import fraction_bits
 from model.settings import Settings
 from model.stereo.depth import pack_depth
 from model.stereo.epipolar import pack_line, pack_window
@@ -14,19 +15,21 @@ __all__ = ["any_settings", "directed_frames", "random_frame", "spot_frame"]
 def any_settings(width, height, beams, seed=1, **changes):
     """Settings with a lens and lines that fit the sensor, though no real rig made them."""
     rng = np.random.default_rng(seed)
+    pixel = 1 << fraction_bits(width, height)
     focal = 0.85 * width
     tables = build(focal, (width - 1) / 2 + 1.3, (height - 1) / 2 - 0.7, -0.12, 0.02, 5e-4, -4e-4,
                    width, height)
     tables = {name: tables[name] for name in (
         "principal_u", "principal_v", "tangential_1", "tangential_2", "radial")}
     spacing = (height - 8) / beams
-    offset = np.round(512 * (np.arange(beams) - (beams - 1) / 2) * spacing).astype(int)
+    offset = np.round(pixel * (np.arange(beams) - (beams - 1) / 2) * spacing).astype(int)
     slope = rng.integers(-3000, 3000, beams)
     # A few lines share their neighbour's tolerance, so that spots become ambiguous.
-    tolerance = np.minimum(511, np.round(32 * spacing * rng.choice([0.4, 0.5, 0.8], beams)))
+    share = rng.choice([0.4, 0.5, 0.8], beams)
+    tolerance = np.minimum(511, np.round(pixel // 16 * spacing * share))
     half = width // 2
-    u_min = rng.integers(-half, -half // 2, beams) * 16
-    u_max = rng.integers(half // 2, half, beams) * 16
+    u_min = rng.integers(-half, -half // 2, beams) * (pixel // 32)
+    u_max = rng.integers(half // 2, half, beams) * (pixel // 32)
     alpha = rng.integers(2000, 60000, beams)
     beta = (rng.integers(60_000, 120_000, beams) << 12)
     return Settings(

@@ -149,6 +149,10 @@ def test_frames_that_come_too_soon_are_skipped_whole():
     ({"labels": 0}, "labels must be an integer from 1 to 32767, not 0"),
     ({"clock_hz": 16_500_000}, "clock_hz must be a multiple of 1 MHz, not 16500000"),
     ({"clock_hz": 16e6}, "clock_hz must be an integer from 1000000 to 65000000, not 16000000.0"),
+    ({"preset": "paper", "width": 640},
+     "The preset paper takes sensors of at most 512 x 512 pixels, not 640 x 288: its words of the "
+     "remap table and its external memory hold no more; use the preset capsule"),
+    ({"width": 1025}, "width must be an integer from 16 to 1024, not 1025"),
     ({"lanes": 50}, "lanes must be an integer from 1 to 49, not 50"),
     ({"converter_latency": 0}, "converter_latency must be an integer from 1 to 64, not 0"),
     ({"converter_latency": 4, "converter_interval": 3},

@@ -137,7 +137,7 @@ def test_a_capture_shows_its_pattern_frames(tmp_path, capsys):
 @pytest.mark.parametrize("name, content, words", [
     ("bad.png", b"\x89PNG\r\n\x1a\nrest", "truncated or damaged"),
     ("bad.png", b"", "is empty"), ("bad.jpg", b"text", "cannot be read as an image"),
-    ("wide.png", np.zeros((4, 600), np.uint8), "at most 512 x 512"),
+    ("wide.png", np.zeros((4, 1100), np.uint8), "at most 1024 x 1024"),
     ("colour.png", np.zeros((64, 64, 3), np.uint8), "colour image"),
     (None, None, "does not exist"), ("readme.txt", b"text", "holds no images")])
 @pytest.mark.parametrize("beside", [True, False])

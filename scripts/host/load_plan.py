@@ -5,13 +5,15 @@ from dataclasses import dataclass, field
 from hdl.protocol import Mode
 from model.errors import UserError
 from scripts.host.chip import check_chip
-from scripts.host.commands import Commands
 from scripts.host.guard import TIMES, find_trips
 from scripts.host.loading import load, points_carried, stop, wait_until, write_registers
 from scripts.host.status import HEARTBEAT
 
-__all__ = ["LoadPlan"]
+__all__ = ["MODES", "LoadPlan"]
 
+#: Ways to run: the mode, and the register ``pattern_as_texture``.
+MODES = {"start": (Mode.CONTINUOUS, 0), "stop": (Mode.STOP, 0), "single": (Mode.SINGLE, 0),
+         "pattern-only": (Mode.PATTERN, 0), "pattern-images": (Mode.PATTERN, 1)}
 #: Seconds to wait until the chip has done what was asked.
 _PATIENCE = 10.0
 
@@ -54,7 +56,7 @@ class LoadPlan:
         Returns
         -------
         list of :class:`str`
-            Reasons why the laser guard may trip.
+            Warnings: why the laser guard may trip, and that the line is too slow for the mesh.
 
         Raises
         ------
@@ -67,34 +69,32 @@ class LoadPlan:
             check_chip(self.identity, self.calibration)
             self.mode = before["state"].mode if self.mode is None else self.mode
         mode = before["state"].mode if self.mode is None else self.mode
-        if mode == Mode.STOP or self.mode is None and not self.chosen.keys() & set(TIMES):
-            return []
-        certain, possible = find_trips(mode, self._registers(commands, TIMES), self.identity)
-        if certain:
-            raise UserError(f"The laser guard would trip: {'; '.join(certain)}.")
-        return possible
+        warnings = []
+        if mode != Mode.STOP and (self.mode is not None or self.chosen.keys() & set(TIMES)):
+            certain, possible = find_trips(mode, self._registers(commands, TIMES), self.identity)
+            if certain:
+                raise UserError(f"The laser guard would trip: {'; '.join(certain)}.")
+            warnings = [f"the laser guard may trip: {reason}." for reason in possible]
+        return warnings + self._slow_line(commands)
 
     def _registers(self, commands, names):
         """Values that registers will have, by name: those to be written, or the chip's."""
         return {name: self.chosen[name] if name in self.chosen else commands.read(name)
                 for name in names}
 
-    def find_slow_line(self, commands):
-        """What a line that is too slow for the mesh does to its points; None if it is not.
-
-        To be asked after :meth:`check`.
-        """
+    def _slow_line(self, commands):
+        """What a line that is too slow for the mesh does to its points, in a list."""
         if self.calibration is None:
-            return None
+            return []
         clocks, period_us, full_records = self._registers(
             commands, ("divisor", "period_us", "full_records")).values()
         beams = len(self.calibration.settings.line)
         baud = self.identity["clock_khz"] * 1000 / max(1, clocks)
         carried = points_carried(baud, period_us, full_records)
         if carried >= beams:
-            return None
-        return (f"at {baud:,.0f} baud the line carries about {carried} of {beams} points in "
-                f"{period_us / 1000:g} ms: the others, found last, are dropped and counted.")
+            return []
+        return [f"at {baud:,.0f} baud the line carries about {carried} of {beams} points in "
+                f"{period_us / 1000:g} ms: the others, found last, are dropped and counted."]
 
     def carry_out(self, commands, progress=None):
         """Change the chip; ``progress`` as for :func:`scripts.host.loading.load`."""
@@ -141,12 +141,12 @@ class LoadPlan:
             status = commands.status()
         return status
 
-    def describe(self, port, again):
+    def describe(self, owner, again):
         """The state of the chip after an early end, in words.
 
         Parameters
         ----------
-        port : :class:`scripts.host.port.Port`
+        owner : :class:`scripts.host.owner.PortOwner`
             To ask the chip, if it still answers.
         again : :class:`str`
             The command that does it all.
@@ -160,7 +160,7 @@ class LoadPlan:
             "as they were": "the registers are written" if self.registers else
                             "not all registers are written"}[self.tables]
         try:
-            state = Commands(port, timeout=0.5, tries=2).status()["state"]
+            state = owner.commands(timeout=0.5, tries=2).status()["state"]
         except (UserError, KeyboardInterrupt):
             mode = "was stopped" if self.tables != "as they were" else "may have changed"
         else:

@@ -5,7 +5,7 @@ import json
 
 from model.errors import UserError
 from scripts.host.chip import check_value
-from scripts.host.owner import ACTIONS
+from scripts.host.live_chip import ACTIONS
 from scripts.view.scene import describe_frame, pack_texture
 
 __all__ = ["Client"]

@@ -32,7 +32,7 @@ class Session:
     ----------
     live : :class:`bool`
         Frames keep coming.
-    owner : :class:`scripts.host.owner.PortOwner` or None
+    owner : :class:`scripts.host.live_chip.LiveChip` or None
         The port of a live session.
     changed : callable
         Called, from any thread, when there is something new.
@@ -150,7 +150,7 @@ class LiveSession(Session):
 
     Parameters
     ----------
-    owner : :class:`scripts.host.owner.PortOwner`
+    owner : :class:`scripts.host.live_chip.LiveChip`
         It receives into ``history``, and is entered with this.
     history : :class:`scripts.host.history.History`
         The frames.

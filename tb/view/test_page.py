@@ -10,7 +10,7 @@ import pytest
 from model.optics.rigs import RIGS
 from model.optics.scenes import Plane, Polyp
 from scripts.host.history import History, read_history
-from scripts.host.owner import PortOwner
+from scripts.host.live_chip import LiveChip
 from scripts.host.port import open_port
 from scripts.host.reception import Reception
 from scripts.measure.ruler import ruler
@@ -267,7 +267,7 @@ def live(folder):
     # Slower than a chip, so that it can be drawn without graphics hardware.
     with open_live("plane", RIG, speed=0.3) as terminal:
         history, reception = History(calibration), Reception(folder, calibration)
-        owner = PortOwner(lambda: open_port(terminal.path), reception, history, calibration,
+        owner = LiveChip(lambda: open_port(terminal.path), reception, history, calibration,
                           lambda: session.changed())
         session = LiveSession(owner, history, reception.folder, "simulated")
         yield session

@@ -5,8 +5,9 @@ import threading
 import time
 from concurrent.futures import Future
 
+from hdl.protocol import Mode
 from model.errors import UserError
-from scripts.host.chip import check_chip
+from scripts.host.chip import ADJUSTABLE, check_chip
 from scripts.host.load_plan import MODES, LoadPlan
 from scripts.host.loading import registers_of
 from scripts.host.messages import Frame
@@ -53,7 +54,8 @@ class LiveChip(PortOwner):
         Why nothing comes, or is recorded, in a sentence.
     state : :class:`dict` or None
         What the chip said of itself last: ``mode``, ``laser`` in words, ``armed``, ``tripped``
-        causes in words, ``faults`` as sentences, ``registers`` by name.
+        causes in words, ``faults`` as sentences, ``as_images`` if patterns are sent as such,
+        ``registers`` of :data:`scripts.host.chip.ADJUSTABLE` by name.
     doing : :class:`str` or None
         What is being done to the chip.
     """
@@ -63,7 +65,8 @@ class LiveChip(PortOwner):
         self.reception, self.history = reception, history
         self._calibration, self._changed = calibration, changed
         self._jobs, self._ended = queue.Queue(), threading.Event()
-        self._checked = False
+        self._names = tuple(ADJUSTABLE["paper" if calibration.settings.remap else "capsule"])
+        self._checked, self._registers, self._accepted = False, None, 0
         self.trouble = self.state = self.doing = None
         self.recording = True
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -129,7 +132,7 @@ class LiveChip(PortOwner):
     def _lose(self, error):
         """The port is gone, or could not be opened yet."""
         self.trouble = f"{str(error).rstrip('.')}: nothing comes until it is back."
-        self.state, self._checked = None, False
+        self.state, self._checked, self._registers = None, False, None
         self.close()
         self._changed()
         self._ended.wait(_AGAIN)
@@ -142,6 +145,11 @@ class LiveChip(PortOwner):
                 check_chip(commands.identify(), self._calibration)
                 self._checked = True
             status = commands.status()
+            # They change by what is written here, and when the chip is reset.
+            if self._registers is None or status["accepted"] < self._accepted:
+                self._registers = {name: commands.read(name)
+                                   for name in (*self._names, "pattern_as_texture")}
+            self._accepted = status["accepted"]
         except VanishedError:
             raise
         except UserError as error:
@@ -149,20 +157,24 @@ class LiveChip(PortOwner):
             if self.recording and (not self._checked or self.history.count == frames):
                 self.state, self.trouble = None, str(error)
         else:
-            state = status["state"]
+            state, registers = status["state"], dict(self._registers)
+            as_images = registers.pop("pattern_as_texture") and state.mode == Mode.PATTERN
             self.state = {
                 "mode": state.mode.name.lower(), "laser": laser(status), "armed": state.armed,
                 "tables": state.tables_valid, "causes": causes(status),
-                "faults": find_faults(status)}
+                "faults": find_faults(status), "registers": registers,
+                "as_images": bool(as_images)}
             if self.recording:
                 self.trouble = None
         self._changed()
 
     def _work(self, future, action, registers):
-        self.doing = action
+        self.doing, self._registers = action, None
         self._changed()
         try:
-            future.set_result(self._carry_out(action, registers))
+            words = self._carry_out(action, registers)
+            self._look()  # what it did shows with the answer
+            future.set_result(words)
         except VanishedError as error:
             future.set_exception(error)
             raise

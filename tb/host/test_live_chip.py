@@ -56,6 +56,11 @@ def test_load_start_stop_and_status_beside_the_recording(rig, terminal, tmp_path
         assert (tmp_path / "out" / "link.raw").stat().st_size > size
         assert "stopped, the laser is off" in owner.do("stop").result(20)
         assert owner.trouble is None
+        assert owner.state["registers"]["pattern_us"] == 300
+        for action, as_images in (("pattern-images", True), ("pattern-only", False)):
+            assert owner.do(action).result(20) and owner.state["mode"] == "pattern"
+            assert owner.state["as_images"] is as_images
+        assert owner.do("stop").result(20)
         count = owner.history.count
         assert owner.do("single").result(20)
         wait(lambda: owner.history.count == count + 1)

@@ -125,7 +125,7 @@ def main(arguments):
         try:
             for reason in plan.check(commands):
                 print(f"! the laser guard may trip: {reason}.")
-            slow = plan.find_slow_line(commands)
+            slow = plan.fit_line(commands)
             if slow is not None:
                 print(f"! {slow}")
             with _bar() as bar:

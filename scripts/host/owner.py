@@ -199,7 +199,7 @@ class PortOwner:
                         action == "clear", None)
         commands = Commands(self)
         possible = plan.check(commands)
-        slow = plan.find_slow_line(commands)
+        slow = plan.fit_line(commands)
         plan.carry_out(commands, self._progress)
         faults = [] if slow is None else [slow]
         faults += find_faults(plan.settle(commands))

@@ -3,7 +3,7 @@
 import time
 
 from model.errors import UserError
-from scripts.host.messages import Frame, Reply, TextureFrame
+from scripts.host.messages import Frame, TextureFrame
 
 __all__ = ["Ending"]
 
@@ -23,7 +23,7 @@ class Ending:
     ----------
     options : :class:`argparse.Namespace`
         ``source baud frames images seconds single`` as ``cyclope receive`` takes them.
-    source : :class:`scripts.host.live_port.LivePort` or :class:`scripts.host.replay.Replay`
+    source : :class:`scripts.host.owner.PortOwner` or :class:`scripts.host.replay.Replay`
         What is read.
     reception : :class:`scripts.host.reception.Reception`
         What takes it.
@@ -32,6 +32,8 @@ class Ending:
     ----------
     why : :class:`str` or None
         The reason, where the options do not say it.
+    status_wanted : :class:`bool`
+        A frame was dark or the laser guard had tripped: the chip's status says why.
     """
 
     def __init__(self, options, source, reception):
@@ -39,18 +41,15 @@ class Ending:
         self._begin = self._last = time.monotonic()
         self._first_us = self._first_octet = None
         self._pair = False  # the texture frame of a single pair came
-        self.why = None
+        self.why, self.status_wanted = None, False
 
     def by_packet(self, events):
         """Whether a packet, which completed ``events``, is the last one."""
         options, recorder = self._options, self._reception.recorder
         for event in events:
-            if isinstance(event, Reply) and self._source.live:
-                self._source.take_reply(event)
-            elif isinstance(event, (Frame, TextureFrame)):
-                if self._source.live and (
-                        event.tripped or isinstance(event, Frame) and not event.laser):
-                    self._source.ask_status()
+            if isinstance(event, (Frame, TextureFrame)):
+                self.status_wanted |= event.tripped or (
+                    isinstance(event, Frame) and not event.laser)
                 self._pair |= isinstance(event, TextureFrame) and recorder.frames > 0
                 if self._seconds_are_over(event):
                     return True

@@ -7,22 +7,22 @@ from hdl.protocol import Mode
 from model.errors import UserError
 from scripts.cyclope.program import pasteable
 from scripts.host.chip import check_value
-from scripts.host.commands import Commands
-from scripts.host.load_plan import LoadPlan
+from scripts.host.load_plan import MODES, LoadPlan
 from scripts.host.loading import registers_of
+from scripts.host.owner import PortOwner
 from scripts.host.port import add_port_arguments, open_port
 from scripts.host.status import find_faults, laser
 
 __all__ = ["add_arguments", "main"]
 
-#: Mode, register ``pattern_as_texture`` and meaning.
-_MODES = {"start": (Mode.CONTINUOUS, 0, "run: pattern, texture, pattern, ..."),
-          "stop": (Mode.STOP, 0, "stop, the laser is off"),
-          "single": (Mode.SINGLE, 0, "one pair of pattern and texture, then stop; `cyclope "
-                                     "receive PORT --single` takes a pair and receives it"),
-          "pattern-only": (Mode.PATTERN, 0, "run, pattern frames only"),
-          "pattern-images": (Mode.PATTERN, 1, "run, pattern frames only, and send them as images, "
-                                              "without points: for a calibration")}
+#: What :data:`scripts.host.load_plan.MODES` mean.
+_MODES = {"start": "run: pattern, texture, pattern, ...",
+          "stop": "stop, the laser is off",
+          "single": "one pair of pattern and texture, then stop; `cyclope receive PORT --single` "
+                    "takes a pair and receives it",
+          "pattern-only": "run, pattern frames only",
+          "pattern-images": "run, pattern frames only, and send them as images, without points: "
+                            "for a calibration"}
 _TIMES = {"period_us": "from pattern to pattern", "pattern_us": "exposure of the pattern",
           "texture_us": "exposure of the texture", "pattern_reset_us": "reset before the pattern",
           "texture_reset_us": "reset before the texture"}
@@ -42,7 +42,7 @@ def add_arguments(parser):
     parser.add_argument("calibration", nargs="?", type=Path, metavar="FILE",
                         help="calibration.json from `cyclope calibrate`")
     modes = parser.add_mutually_exclusive_group()
-    for name, (_, _, words) in _MODES.items():
+    for name, words in _MODES.items():
         modes.add_argument(f"--{name}", dest="mode", action="store_const", const=name, help=words)
     for name, words in _TIMES.items():
         parser.add_argument("--" + name.replace("_", "-"), type=int, metavar="US",
@@ -111,7 +111,7 @@ def _bar():
 def main(arguments):
     """Load with parsed arguments; gives the exit status."""
     chosen = _chosen(arguments)
-    mode, pattern_as_texture, _ = _MODES.get(arguments.mode, (None, None, None))
+    mode, pattern_as_texture = MODES.get(arguments.mode, (None, None))
     calibration = None
     if arguments.calibration is not None:
         pattern_as_texture = pattern_as_texture or 0
@@ -120,14 +120,11 @@ def main(arguments):
         chosen = {**registers_of(calibration), **chosen}
     plan = LoadPlan(calibration, chosen, mode, pattern_as_texture, arguments.clear,
                     arguments.capture_ms)
-    with open_port(arguments.port, arguments.baud, arguments.rtscts) as port:
-        commands = Commands(port)
+    with PortOwner(lambda: open_port(arguments.port, arguments.baud, arguments.rtscts)) as owner:
+        commands = owner.commands()
         try:
-            for reason in plan.check(commands):
-                print(f"! the laser guard may trip: {reason}.")
-            slow = plan.fit_line(commands)
-            if slow is not None:
-                print(f"! {slow}")
+            for warning in plan.check(commands):
+                print(f"! {warning}")
             with _bar() as bar:
                 task = bar.add_task("loading and reading back", total=None,
                                     visible=calibration is not None)
@@ -137,7 +134,7 @@ def main(arguments):
             as_images = commands.read("pattern_as_texture")
         except (UserError, KeyboardInterrupt) as error:
             if plan.began or isinstance(error, KeyboardInterrupt):
-                error.add_note(plan.describe(port, _again(arguments)))
+                error.add_note(plan.describe(owner, _again(arguments)))
             raise
     return _report(plan, status, as_images)
 

@@ -3,9 +3,10 @@
 import signal
 import stat
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from hdl.protocol import Mode
 from model.errors import UserError
 from scripts.cyclope.program import pasteable
 from scripts.host.port import VanishedError, add_port_arguments, open_port
@@ -54,7 +55,12 @@ def add_arguments(parser):
     add_port_arguments(parser)
 
 
-def _open(arguments):
+class _Over(Exception):  # noqa: N818
+    """All that is to be received has come."""
+
+
+def _open(arguments, take):
+    """The recording, or the owner of the port, which gives ``take`` what comes."""
     path = Path(arguments.source)
     try:
         mode = path.stat().st_mode if "://" not in arguments.source else None
@@ -67,9 +73,9 @@ def _open(arguments):
         return Replay(path)
     if mode is not None and stat.S_ISDIR(mode):
         raise UserError(f"{path} is a folder: name a serial device or a recording.")
-    from scripts.host.live_port import LivePort
-    port = open_port(arguments.source, arguments.baud, arguments.rtscts)
-    return LivePort(port, arguments.single)
+    from scripts.host.owner import PortOwner
+    return PortOwner(
+        lambda: open_port(arguments.source, arguments.baud, arguments.rtscts), take)
 
 
 @contextmanager
@@ -92,21 +98,35 @@ def _stoppable():
             signal.signal(number, handler)
 
 
-def _receive(source, reception, end, stopped, show):
-    """Until there is a reason to end; whether that was an interrupt."""
-    while not stopped:
-        try:
-            octets = source.read()
-        except VanishedError as error:
-            end.why = str(error).rstrip(".")
-            return False
-        if octets is None:
-            return False
-        if octets and reception.take(octets, end.by_packet) or end.by_time(octets):
-            return False
-        show()
-    end.why = "interrupted"
-    return True
+def _from_port(owner, end, single):
+    """Ask the chip what it is, and receive from it."""
+    from scripts.host.chip import RefusedError
+    from scripts.host.commands import NoReplyError
+    with suppress(NoReplyError, RefusedError):
+        owner.commands(tries=2).identify()
+    if single:
+        owner.commands().write("mode", Mode.SINGLE, "the command to take a single pair")
+    asked = False
+    while True:
+        owner.read()
+        if end.status_wanted and not asked:
+            asked = True
+            with suppress(NoReplyError, RefusedError):
+                owner.commands().status()
+
+
+def _receive(source, end, take, single):
+    """Until there is a reason to end."""
+    try:
+        if source.live:
+            _from_port(source, end, single)
+        else:
+            while (octets := source.read()) is not None:
+                take(octets)
+    except VanishedError as error:
+        end.why = str(error).rstrip(".")
+    except _Over:
+        pass
 
 
 def _show_on(console, line, source, reception):
@@ -142,15 +162,23 @@ def main(arguments):
     from scripts.cyclope.ending import Ending
     from scripts.cyclope.live_line import LiveLine
     from scripts.host.reception import Reception
-    with _open(arguments) as source, _stoppable() as stopped:
+    with _open(arguments, lambda octets: take(octets)) as source, _stoppable() as stopped:
         reception = Reception(arguments.output, calibration, source.live, which=arguments.ply,
                               pcd=arguments.pcd, doubtful=arguments.doubtful)
+        end = Ending(arguments, source, reception)
+        live, show = _show_on(Console(stderr=True), LiveLine(arguments.source), source, reception)
+
+        def take(octets):
+            if octets and reception.take(octets, end.by_packet) or end.by_time(octets):
+                raise _Over
+            show()
+            if stopped:
+                end.why = "interrupted"
+                raise _Over
+
         try:
-            end = Ending(arguments, source, reception)
-            live, show = _show_on(Console(stderr=True), LiveLine(arguments.source), source,
-                                  reception)
             with live:
-                interrupted = _receive(source, reception, end, stopped, show)
+                _receive(source, end, take, arguments.single)
             if not reception.decoder.packets:
                 raise end.nothing()
             reception.finish()
@@ -159,7 +187,7 @@ def main(arguments):
                 error.add_note(kept)
             raise
     faulty = _report(arguments, reception, end.why)
-    return 130 if interrupted and not source.live else 3 if faulty else 0
+    return 130 if end.why == "interrupted" and not source.live else 3 if faulty else 0
 
 
 def _report(arguments, reception, why):

@@ -23,10 +23,10 @@ def main(arguments):
     from rich.table import Table
 
     from scripts.host.chip import REGISTERS
-    from scripts.host.commands import Commands
+    from scripts.host.owner import PortOwner
     from scripts.host.status import find_faults, status_table
-    with open_port(arguments.port, arguments.baud, arguments.rtscts) as port:
-        commands = Commands(port)
+    with PortOwner(lambda: open_port(arguments.port, arguments.baud, arguments.rtscts)) as owner:
+        commands = owner.commands()
         identity, status = commands.identify(), commands.status()
         values = {name: commands.read(name) for name in (
             REGISTERS if arguments.registers else ("pattern_as_texture",))}

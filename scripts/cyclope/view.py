@@ -81,14 +81,14 @@ def _folder(arguments):
 def _live(opened, calibration, folder, name, calibration_path=None):
     """A live session; what was recorded is completed at the end."""
     from scripts.host.history import History
-    from scripts.host.owner import PortOwner
+    from scripts.host.live_chip import LiveChip
     from scripts.host.reception import Reception
     from scripts.view.session import LiveSession
 
     history = History(calibration)
     reception = Reception(folder, calibration)
     try:
-        owner = PortOwner(opened, reception, history, calibration, lambda: session.changed())
+        owner = LiveChip(opened, reception, history, calibration, lambda: session.changed())
         session = LiveSession(owner, history, reception.folder, name)
         with session:
             yield session

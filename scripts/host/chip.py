@@ -15,11 +15,23 @@ from hdl.protocol import (
 from model.errors import UserError
 from scripts.host.messages import fields_of
 
-__all__ = ["REGISTERS", "SENTENCES", "RefusedError", "State", "check_chip", "check_value",
-           "other_length", "parse_identity", "parse_status"]
+__all__ = ["ADJUSTABLE", "REGISTERS", "SENTENCES", "RefusedError", "State", "check_chip",
+           "check_value", "other_length", "parse_identity", "parse_status"]
 
 #: Registers by their names.
 REGISTERS = {register.name: register for register in registers()}
+
+_TIMES = {"pattern_us": "points, exposure \u00b5s", "texture_us": "picture, exposure \u00b5s",
+          "period_us": "from pair to pair, \u00b5s"}
+_SENT = {"points_max": "points, at most (0: all)", "texture_enable": "picture sent (1 or 0)"}
+#: Registers to be adjusted while frames are looked at, by presets, and what they are in words.
+ADJUSTABLE = {
+    "capsule": {**_TIMES, "lit_gain": "level of spots (sixteenths)",
+                "core_gain": "level of cores (sixteenths)",
+                "dent_gain": "depth of dents (sixteenths)", **_SENT},
+    "paper": {**_TIMES, "threshold_alpha": "threshold (sixteenths)",
+              "threshold_fixed": "threshold fixed (1 or 0)",
+              "threshold_level": "the fixed threshold", **_SENT}}
 
 #: What each reason of a refusal means, to follow "The chip refused ...: ".
 SENTENCES = {

@@ -11,11 +11,15 @@ from scripts.host.decoder import Decoder
 from scripts.host.framing import CHECK_OCTETS, frame_packet
 from scripts.host.messages import Reply
 
-__all__ = ["Commands", "table_octets"]
+__all__ = ["Commands", "NoReplyError", "table_octets"]
 
 _HEADER = 5  # kind, sequence number, tag, command, reason; or command, tag, table, first word
 #: Octets of words that fit in a TABLE, or in the reply to a READ_TABLE.
 _WORDS_OCTETS = CONTENT_LIMIT - CHECK_OCTETS - _HEADER
+
+
+class NoReplyError(UserError):
+    """The chip does not answer."""
 
 
 def _tables(words):
@@ -38,8 +42,8 @@ class Commands:
 
     Parameters
     ----------
-    port : :class:`scripts.host.port.Port`
-        The port that the chip is behind.
+    port : :class:`scripts.host.owner.PortOwner` or :class:`scripts.host.port.Port`
+        What the chip is behind.
     timeout : :class:`float`
         Seconds to wait for a reply before asking again; a quarter of it after a damaged packet.
     tries : :class:`int`
@@ -106,7 +110,7 @@ class Commands:
         hint = ("it sends packets, but none arrives there: is its RX wired?" if self.decoder.packets
                 else "what it sends is no packet: is --baud right?" if self.decoder.octets
                 else "is it powered, and is this its port?")
-        raise UserError(f"The chip on {self.port.name} does not answer {what}: {hint}")
+        raise NoReplyError(f"The chip on {self.port.name} does not answer {what}: {hint}")
 
     @property
     def _noise(self):
@@ -142,11 +146,11 @@ class Commands:
         """STATUS_FIELDS by their names; ``state`` is a :class:`State`."""
         return parse_status(self.ask(Command.STATUS))
 
-    def write(self, name, value):
-        """Write a register, by its name."""
+    def write(self, name, value, what=None):
+        """Write a register, by its name; ``what`` this is in messages."""
         register = REGISTERS[name]
         self.ask(Command.WRITE, bytes([register.address])
-                 + (value & 0xFFFFFFFF).to_bytes(4, "little"), f"{name} = {value}")
+                 + (value & 0xFFFFFFFF).to_bytes(4, "little"), what or f"{name} = {value}")
 
     def read(self, name):
         """The value that a register has or will have."""

@@ -5,13 +5,15 @@ from dataclasses import dataclass, field
 from hdl.protocol import Mode
 from model.errors import UserError
 from scripts.host.chip import REGISTERS, check_chip
-from scripts.host.commands import Commands
 from scripts.host.guard import TIMES, find_trips
 from scripts.host.loading import load, points_carried, stop, wait_until, write_registers
 from scripts.host.status import HEARTBEAT
 
-__all__ = ["LoadPlan"]
+__all__ = ["MODES", "LoadPlan"]
 
+#: Ways to run: the mode, and the register ``pattern_as_texture``.
+MODES = {"start": (Mode.CONTINUOUS, 0), "stop": (Mode.STOP, 0), "single": (Mode.SINGLE, 0),
+         "pattern-only": (Mode.PATTERN, 0), "pattern-images": (Mode.PATTERN, 1)}
 #: Seconds to wait until the chip has done what was asked.
 _PATIENCE = 10.0
 
@@ -49,12 +51,12 @@ class LoadPlan:
     before: dict = field(default_factory=dict)  # the status
 
     def check(self, commands):
-        """Refuse what the chip cannot take, before anything is changed.
+        """Refuse what the chip cannot take, before anything is changed, and fit the plan to the line.
 
         Returns
         -------
         list of :class:`str`
-            Reasons why the laser guard may trip.
+            Warnings: why the laser guard may trip, and that the line is too slow for the mesh.
 
         Raises
         ------
@@ -67,30 +69,27 @@ class LoadPlan:
             check_chip(self.identity, self.calibration)
             self.mode = before["state"].mode if self.mode is None else self.mode
         mode = before["state"].mode if self.mode is None else self.mode
-        if mode == Mode.STOP or self.mode is None and not self.chosen.keys() & set(TIMES):
-            return []
-        certain, possible = find_trips(mode, self._registers(commands, TIMES), self.identity)
-        if certain:
-            raise UserError(f"The laser guard would trip: {'; '.join(certain)}.")
-        return possible
+        warnings = []
+        if mode != Mode.STOP and (self.mode is not None or self.chosen.keys() & set(TIMES)):
+            certain, possible = find_trips(mode, self._registers(commands, TIMES), self.identity)
+            if certain:
+                raise UserError(f"The laser guard would trip: {'; '.join(certain)}.")
+            warnings = [f"the laser guard may trip: {reason}." for reason in possible]
+        return warnings + self._fit_line(commands)
 
     def _registers(self, commands, names):
         """Values that registers will have, by name: those to be written, or the chip's."""
         return {name: self.chosen[name] if name in self.chosen else commands.read(name)
                 for name in names}
 
-    def fit_line(self, commands):
+    def _fit_line(self, commands):
         """Choose ``pattern_every`` so that the line can carry the mesh, unless it was chosen.
 
-        To be called between :meth:`check` and :meth:`carry_out`.
-
-        Returns
-        -------
-        :class:`str` or None
-            What a line that is too slow for all points of every pattern frame leads to.
+        Gives what a line that is too slow for all points of every pattern frame leads to, in a
+        list.
         """
         if self.calibration is None:
-            return None
+            return []
         clocks, period_us, full_records = self._registers(
             commands, ("divisor", "period_us", "full_records")).values()
         beams = len(self.calibration.settings.line)
@@ -105,11 +104,11 @@ class LoadPlan:
         slow = f"at {baud:,.0f} baud the line carries about {carried(1)} of {beams} points in " \
                f"{period_us / 1000:g} ms"
         if carried(max(1, every)) < beams:
-            return (f"{slow}" + (f", {carried(every)} in {every} times that" if every > 1 else "")
-                    + ": of the others, here and there in the mesh, each is dropped and counted.")
-        return None if every <= 1 else (
+            return [slow + (f", {carried(every)} in {every} times that" if every > 1 else "")
+                    + ": the others, spread over the mesh, are dropped and counted."]
+        return [] if every <= 1 else [
             f"{slow}: the chip measures one pattern frame in {every}, "
-            f"{1e6 / (every * period_us):.3g} a second.")
+            f"{1e6 / (every * period_us):.3g} a second."]
 
     def carry_out(self, commands, progress=None):
         """Change the chip; ``progress`` as for :func:`scripts.host.loading.load`."""
@@ -156,12 +155,12 @@ class LoadPlan:
             status = commands.status()
         return status
 
-    def describe(self, port, again):
+    def describe(self, owner, again):
         """The state of the chip after an early end, in words.
 
         Parameters
         ----------
-        port : :class:`scripts.host.port.Port`
+        owner : :class:`scripts.host.owner.PortOwner`
             To ask the chip, if it still answers.
         again : :class:`str`
             The command that does it all.
@@ -175,7 +174,7 @@ class LoadPlan:
             "as they were": "the registers are written" if self.registers else
                             "not all registers are written"}[self.tables]
         try:
-            state = Commands(port, timeout=0.5, tries=2).status()["state"]
+            state = owner.commands(timeout=0.5, tries=2).status()["state"]
         except (UserError, KeyboardInterrupt):
             mode = "was stopped" if self.tables != "as they were" else "may have changed"
         else:

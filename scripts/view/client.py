@@ -5,7 +5,7 @@ import json
 
 from model.errors import UserError
 from scripts.host.chip import check_value
-from scripts.host.owner import ACTIONS
+from scripts.host.live_chip import ACTIONS
 from scripts.view.scene import describe_frame, pack_texture
 
 __all__ = ["Client"]
@@ -14,9 +14,6 @@ __all__ = ["Client"]
 _TEXTURE = 0.2
 #: Frames on their way to a browser that it has not drawn yet; more are left out.
 _UNSEEN = 2
-#: Registers that the page may write.
-REGISTERS = ("pattern_us", "texture_us", "period_us", "lit_gain", "core_gain", "dent_gain",
-             "points_max", "texture_enable")
 
 
 class Client:
@@ -105,7 +102,7 @@ class Client:
         if action not in ACTIONS:
             raise ValueError
         for register, value in registers.items():
-            if register not in REGISTERS or type(value) is not int:
+            if register not in self.session.adjustable or type(value) is not int:
                 raise UserError(f"The page does not write {str(register)[:40]!r}: use `cyclope "
                                 "load --register`.")
             check_value(register, value)

@@ -5,11 +5,10 @@ import threading
 import numpy as np
 
 from model.errors import UserError
-from scripts.host.chip import REGISTERS
+from scripts.host.chip import ADJUSTABLE, REGISTERS
 from scripts.host.history import History, read_history
 from scripts.measure.formats import FORMATS
 from scripts.measure.surface import Surface
-from scripts.view.client import REGISTERS as WRITABLE
 from scripts.view.measurements import Measurements
 from scripts.view.scene import describe_rig
 
@@ -32,10 +31,12 @@ class Session:
     ----------
     live : :class:`bool`
         Frames keep coming.
-    owner : :class:`scripts.host.owner.PortOwner` or None
+    owner : :class:`scripts.host.live_chip.LiveChip` or None
         The port of a live session.
     changed : callable
         Called, from any thread, when there is something new.
+    adjustable : dict of :class:`str`
+        Registers that the page may write, with what they are in a few words.
     fault : :class:`str` or None
         A fault of the program itself, in a sentence.
     """
@@ -46,6 +47,7 @@ class Session:
         self.history, self.name = history, name
         self.measurements = Measurements(history, measurements)
         self.changed = lambda: None
+        self.adjustable = ADJUSTABLE["paper" if history.calibration.settings.remap else "capsule"]
         self.fault = None
 
     def __enter__(self):
@@ -56,8 +58,8 @@ class Session:
 
     def hello(self):
         """The first message of the page."""
-        registers = {name: {"meaning": REGISTERS[name].meaning, "reset": REGISTERS[name].reset}
-                     for name in WRITABLE}
+        registers = {name: {"words": words, "meaning": f"{name}: {REGISTERS[name].meaning}"}
+                     for name, words in self.adjustable.items()}
         return {"type": "hello", "live": self.live, "source": self.name, "registers": registers,
                 "rig": describe_rig(self.history.calibration)}
 
@@ -150,7 +152,7 @@ class LiveSession(Session):
 
     Parameters
     ----------
-    owner : :class:`scripts.host.owner.PortOwner`
+    owner : :class:`scripts.host.live_chip.LiveChip`
         It receives into ``history``, and is entered with this.
     history : :class:`scripts.host.history.History`
         The frames.

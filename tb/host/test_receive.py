@@ -13,6 +13,7 @@ import pytest
 
 from calibration import file
 from scripts.cyclope import live_line
+from scripts.host.commands import Commands
 from scripts.host.history import read_history
 from scripts.host.image_assembly import ImageAssembly
 from scripts.host.messages import POINT, Frame
@@ -343,7 +344,7 @@ def test_a_single_pair(each_terminal, rig, tmp_path, capsys):
 
 
 def test_a_single_pair_that_does_not_come(rig, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("scripts.host.live_port._AGAIN", 0.05)
+    monkeypatch.setattr(Commands.__init__, "__defaults__", (0.05, 5, 0.2))
     with open_fake(rig[0], images()) as terminal:
         terminal.instrument.deaf = 99
         assert run("receive", terminal.path, "--single", "-o", tmp_path / "out") == 2
@@ -352,6 +353,17 @@ def test_a_single_pair_that_does_not_come(rig, tmp_path, capsys, monkeypatch):
     (tmp_path / "raw").write_bytes(bytes(9))
     assert run("receive", tmp_path / "raw", "--single", "-o", tmp_path / "out") == 2
     assert "--single is for a chip" in said(capsys)
+
+
+def test_a_chip_that_hears_nothing_is_received_from(terminal, rig, tmp_path, monkeypatch):
+    """Frames are recorded, and counted, while answers are waited for in vain."""
+    monkeypatch.setattr(Commands.__init__, "__defaults__", (30.0, 5, 0.2))
+    load_chip(terminal, rig)
+    terminal.instrument.deaf = 99
+    out = tmp_path / "out"
+    assert run("receive", terminal.path, "--calibration", rig[1], "-o", out, "--frames", "5") == 0
+    numbers = [int(row["number"]) for row in rows(out / "frames.csv") if row["kind"] == "pattern"]
+    assert numbers == list(range(numbers[0], numbers[0] + 10, 2))
 
 
 def test_dark_frames_are_of_no_use(terminal, rig, tmp_path, capsys):

@@ -10,7 +10,7 @@ import pytest
 from model.optics.rigs import RIGS
 from model.optics.scenes import Plane, Polyp
 from scripts.host.history import History, read_history
-from scripts.host.owner import PortOwner
+from scripts.host.live_chip import LiveChip
 from scripts.host.port import open_port
 from scripts.host.reception import Reception
 from scripts.measure.ruler import ruler
@@ -243,6 +243,7 @@ def test_nothing_is_cut_off_and_nothing_jumps(browser, recorded, size):
             browser, server, *size, color_scheme="dark", has_touch=True) as page:
         until(page, "page.frame")
         before = page.evaluate(boxes)
+        assert max(right for _, _, right, _ in before) <= size[0]
         # By touch.
         page.locator("[data-tool=ruler]").tap()
         for u, v in ((110, 70), (235, 200)):
@@ -267,7 +268,7 @@ def live(folder):
     # Slower than a chip, so that it can be drawn without graphics hardware.
     with open_live("plane", RIG, speed=0.3) as terminal:
         history, reception = History(calibration), Reception(folder, calibration)
-        owner = PortOwner(lambda: open_port(terminal.path), reception, history, calibration,
+        owner = LiveChip(lambda: open_port(terminal.path), reception, history, calibration,
                           lambda: session.changed())
         session = LiveSession(owner, history, reception.folder, "simulated")
         yield session
@@ -299,12 +300,31 @@ def test_live_from_an_empty_chip_to_a_recording(browser, tmp_path):
             with opened(browser, server, 800, 600) as other:
                 until(other, "page.frame && page.following")
             page.locator("#chip summary").click()
-            page.locator("#register-pattern_us").fill("300")
-            page.locator("#registers button").click()
-            until(page, "page.frame.strip.exposure === 300")
-            page.locator("#register-pattern_us").fill("9000")
-            page.locator("#registers button").click()
+            # The fields show what the chip has; what is typed stays until it is written.
+            values = """Object.fromEntries([...document.querySelectorAll("#registers input")].map(
+                (each) => [each.name, each.value]))"""
+            assert page.evaluate(values) == {
+                "pattern_us": "500", "texture_us": "10000", "period_us": "40000", "lit_gain": "18",
+                "core_gain": "24", "dent_gain": "4", "points_max": "72", "texture_enable": "1"}
+            pattern, button = page.locator("#register-pattern_us"), "#registers button"
+            pattern.fill("300")
+            page.locator("#register-points_max").fill("12")
+            until(page, f"page.state.count > {page.evaluate('page.state.count')} + 20")
+            assert pattern.input_value() == "300"
+            page.locator(button).click()
+            until(page, "page.frame.strip.exposure === 300 && page.frame.strip.ok === 12")
+            pattern.fill("9000")
+            page.locator(button).click()
             until(page, "document.getElementById('message').textContent.includes('would trip')")
+            pattern.fill("")
+            page.locator("#register-lit_gain").focus()
+            until(page, "document.getElementById('register-pattern_us').value === '300'")
+            for mode, words in (("pattern-images", "sends images"),
+                                ("pattern-only", "points only")):
+                page.locator(f"[data-chip={mode}]").click()
+                until(page, f"""document.querySelector("#chip summary").textContent
+                    === "Capsule: {words}" && page.state.doing === null""")
+                assert "on" in page.locator(f"[data-chip={mode}]").get_attribute("class")
             page.locator("[data-chip=stop]").click()
             until(page, "document.querySelector('#laser span').textContent === 'stopped'"
                         " || document.getElementById('strip').classList.contains('stale')")

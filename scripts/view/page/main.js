@@ -134,6 +134,9 @@ class Page {
     this.strip.state(state);
     if (state.trouble) this.say(state.trouble, "trouble");
     else this.unsay("trouble");
+    if (state.chip && state.chip.as_images) this.say("The capsule sends the laser\u2019s patterns as " +
+      "images, without points. They are written to the folder of the recording.", "images");
+    else this.unsay("images");
     this.tools.state(state);
     if (!state.count) $("empty").textContent = this.live
       ? "Waiting for the first frame: start the capsule under \u201cCapsule\u201d."
@@ -143,6 +146,7 @@ class Page {
 
   // A sentence over the scene; each kind of them once, the last one is shown.
   say(text, kind = "said") {
+    if (kind !== "said" && (this.sentences || []).some((each) => each.kind === kind && each.text === text)) return;
     this.sentences = (this.sentences || []).filter((each) => each.kind !== kind);
     this.sentences.push({ kind, text });
     $("message").textContent = text;

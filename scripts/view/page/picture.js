@@ -18,6 +18,8 @@ export class Picture {
     this.size = [rig.width, rig.height];
     this.canvas.width = SCALE * rig.width;
     this.canvas.height = SCALE * rig.height;
+    // A tall picture leaves room for what is below it.
+    this.canvas.parentElement.style.maxWidth = `calc(40vh * ${rig.width / rig.height})`;
     this.plain = document.createElement("canvas");
     [this.plain.width, this.plain.height] = this.size;
     this.draw();

@@ -9,6 +9,10 @@ const HINTS = {
     "Go on around the rim.", "Go on around the rim, then press \u201cMeasure\u201d."],
 };
 
+// The capsule's modes: their buttons, and in words.
+const BUTTONS = { stop: "stop", continuous: "start", single: "single", pattern: "pattern-only", images: "pattern-images" };
+const MODES = { stop: "stopped", continuous: "running", single: "one pair", pattern: "points only", images: "sends images" };
+
 // A length with its uncertainty, with a second digit where that is small.
 function spread(value, uncertainty) {
   const digits = uncertainty < 0.095 ? 2 : 1;
@@ -29,6 +33,7 @@ export class Tools {
       button.onclick = () => this.command(button.dataset.chip);
     });
     $("done").onclick = () => this.finish();
+    $("chip").ontoggle = () => { if ($("chip").open) $("chip").scrollIntoView({ block: "nearest" }); };
     $("registers").onsubmit = (event) => { event.preventDefault(); this.write(); };
     this.pointer($("view"), (event) => page.stage.pick(event), false);
     this.pointer($("picture"), (event) => page.picture.at(event), true);
@@ -187,13 +192,14 @@ export class Tools {
   registers(hello) {
     const form = $("registers");
     form.replaceChildren();
-    for (const [name, { meaning, reset }] of Object.entries(hello.registers)) {
+    for (const [name, { words, meaning }] of Object.entries(hello.registers)) {
       const label = document.createElement("label");
-      label.textContent = name.replaceAll("_", " ");
+      label.textContent = words;
       label.title = meaning;
       label.htmlFor = `register-${name}`;
       const input = document.createElement("input");
-      Object.assign(input, { type: "number", id: `register-${name}`, name, placeholder: String(reset), step: 1 });
+      Object.assign(input, { type: "number", id: `register-${name}`, name, title: meaning, step: 1, disabled: true });
+      input.oninput = () => this.edited(input);
       form.append(label, input);
     }
     const write = document.createElement("button");
@@ -201,28 +207,55 @@ export class Tools {
     form.append(write);
   }
 
-  write() {
-    const registers = {};
-    for (const input of $("registers").querySelectorAll("input")) {
-      if (input.value !== "") registers[input.name] = Number(input.value);
-    }
-    if (Object.keys(registers).length) this.command("set", registers);
-    else this.page.say("Enter a value first.");
+  // What was typed stays until it is written; an empty field shows the capsule's value again.
+  edited(input) {
+    input.classList.toggle("edited", input.value !== "" && input.value !== input.dataset.value);
   }
 
-  command(action, registers = {}) {
+  values(registers) {
+    for (const input of $("registers").querySelectorAll("input")) {
+      const value = registers ? registers[input.name] : undefined;
+      input.disabled = value === undefined;
+      input.dataset.value = value ?? "";
+      if (input.classList.contains("edited")) this.edited(input);
+      else if (input !== document.activeElement) input.value = input.dataset.value;
+    }
+  }
+
+  write() {
+    const edited = [...$("registers").querySelectorAll("input.edited")];
+    if (!edited.length) {
+      this.page.say("Change a value first.");
+      return;
+    }
+    const registers = Object.fromEntries(edited.map((input) => [input.name, Number(input.value)]));
+    this.command("set", registers, () => {
+      for (const input of edited) {
+        input.dataset.value = registers[input.name];
+        this.edited(input);
+      }
+    });
+  }
+
+  command(action, registers = {}, done = () => {}) {
     this.page.ask({ do: "chip", action, registers }).then(
       (words) => {
         this.page.say(words);
-        if (action === "load" || action === "start") this.page.goOn();
+        done();
+        if (["load", "start", "single", "pattern-only"].includes(action)) this.page.goOn();
       }, (error) => this.page.say(error.message));
   }
 
   state(state) {
     const doing = state.doing !== null;
-    document.querySelectorAll("[data-chip]").forEach((button) => { button.disabled = doing; });
+    const mode = state.chip && (state.chip.as_images ? "images" : state.chip.mode);
+    document.querySelectorAll("[data-chip]").forEach((button) => {
+      button.disabled = doing;
+      button.classList.toggle("on", button.dataset.chip === BUTTONS[mode]);
+    });
     $("chip").querySelector("summary").textContent = doing ? `Capsule: ${state.doing}`
-      : state.chip ? `Capsule: ${state.chip.mode}` : "Capsule";
+      : state.chip ? `Capsule: ${MODES[mode]}` : "Capsule";
+    this.values(state.chip && state.chip.registers);
     // It opens by itself for a chip that has to be started, and closes when frames come.
     const idle = state.chip !== null && state.chip.mode === "stop" && !state.count;
     if (idle && !this.opened) $("chip").open = this.opened = true;

@@ -9,8 +9,8 @@ import pytest
 from model.errors import UserError
 from scripts.host.decoder import Decoder
 from scripts.host.history import History, read_history
+from scripts.host.live_chip import LiveChip
 from scripts.host.messages import Frame, Reply
-from scripts.host.owner import PortOwner
 from scripts.host.port import open_port
 from scripts.host.reception import Reception
 from tb.host.bench import TEXTURE, open_fake
@@ -21,7 +21,7 @@ from tb.system.fake_instrument import any_calibration, images
 def owning(path, calibration, folder):
     """An owner of the port, with its recording, which is completed at the end."""
     history, reception = History(calibration), Reception(folder, calibration)
-    with PortOwner(lambda: open_port(path() if callable(path) else path), reception, history,
+    with LiveChip(lambda: open_port(path() if callable(path) else path), reception, history,
                    calibration) as owner:
         yield owner
     reception.finish()
@@ -56,6 +56,11 @@ def test_load_start_stop_and_status_beside_the_recording(rig, terminal, tmp_path
         assert (tmp_path / "out" / "link.raw").stat().st_size > size
         assert "stopped, the laser is off" in owner.do("stop").result(20)
         assert owner.trouble is None
+        assert owner.state["registers"]["pattern_us"] == 300
+        for action, as_images in (("pattern-images", True), ("pattern-only", False)):
+            assert owner.do(action).result(20) and owner.state["mode"] == "pattern"
+            assert owner.state["as_images"] is as_images
+        assert owner.do("stop").result(20)
         count = owner.history.count
         assert owner.do("single").result(20)
         wait(lambda: owner.history.count == count + 1)

@@ -1,5 +1,7 @@
 """The golden model of the preset ``paper``: frames in, points and counts out, bit for bit."""
 
+import numpy as np
+
 from model.capsule import checked
 from model.link.point_limiter import limit_points
 from model.link.points import PatternFrame

@@ -63,8 +63,7 @@ def _rate(history, position):
     begin = max(history.first, position - _RATE_FRAMES)
     if position <= begin:
         return 0.0
-    one, two = history.moment(begin), history.moment(position)
-    span = two.seconds - one.seconds
+    span = history.seconds(position) - history.seconds(begin)
     return (position - begin) / span if span > 0 else 0.0
 
 

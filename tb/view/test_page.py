@@ -178,6 +178,7 @@ def test_every_control_of_a_replay(browser, recorded):
         assert page.locator("#laser b").inner_text() == "lit"
         found = len(recorded[1].moment(0).points)
         assert page.locator("#ok b").inner_text() == f"{found}/121"
+        assert page.locator("#rate b").inner_text() == "25.0"
         assert page.locator("#chip").is_hidden()
         for key, position in (("ArrowRight", 1), ("Shift+ArrowRight", 11), ("ArrowLeft", 10)):
             page.keyboard.press(key)

@@ -11,7 +11,7 @@ function circleOf(colour) {
   if (!circles.has(colour)) {
     const canvas = Object.assign(document.createElement("canvas"), { width: SIDE, height: SIDE });
     const context = canvas.getContext("2d");
-    context.lineWidth = DOT;
+    context.lineWidth = 1.4 * DOT;
     context.strokeStyle = colour;
     context.arc(SIDE / 2, SIDE / 2, RADIUS, 0, 2 * Math.PI);
     context.stroke();

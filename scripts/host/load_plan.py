@@ -9,13 +9,23 @@ from scripts.host.guard import TIMES, find_trips
 from scripts.host.loading import load, points_carried, stop, wait_until, write_registers
 from scripts.host.status import HEARTBEAT
 
-__all__ = ["MODES", "LoadPlan"]
+__all__ = ["MODES", "LoadPlan", "fit_patterns"]
 
 #: Ways to run: the mode, and the register ``pattern_as_texture``.
 MODES = {"start": (Mode.CONTINUOUS, 0), "stop": (Mode.STOP, 0), "single": (Mode.SINGLE, 0),
          "pattern-only": (Mode.PATTERN, 0), "pattern-images": (Mode.PATTERN, 1)}
 #: Seconds to wait until the chip has done what was asked.
 _PATIENCE = 10.0
+
+
+def fit_patterns(beams, baud, period_us, full_records=False):
+    """The largest share of pattern frames whose points the line carries: one in so many.
+
+    That of the register ``pattern_every`` at the most, even if the line is still slower.
+    """
+    most = (1 << REGISTERS["pattern_every"].bits) - 1
+    return next((every for every in range(1, most) if points_carried(
+        baud, every * period_us, full_records) >= beams), most)
 
 
 @dataclass
@@ -94,13 +104,12 @@ class LoadPlan:
             commands, ("divisor", "period_us", "full_records")).values()
         beams = len(self.calibration.settings.line)
         baud = self.identity["clock_khz"] * 1000 / max(1, clocks)
-        most = (1 << REGISTERS["pattern_every"].bits) - 1
 
         def carried(every):
             return points_carried(baud, every * period_us, full_records)
 
-        every = self.chosen.setdefault("pattern_every", next(
-            (every for every in range(1, most + 1) if carried(every) >= beams), most))
+        every = self.chosen.setdefault(
+            "pattern_every", fit_patterns(beams, baud, period_us, full_records))
         slow = f"at {baud:,.0f} baud the line carries about {carried(1)} of {beams} points in " \
                f"{period_us / 1000:g} ms"
         if carried(max(1, every)) < beams:

@@ -87,7 +87,7 @@ class Capsule(wiring.Component):
         Members for the registers that are used.
     """
 
-    registers = {**CapsulePoints.registers, **PointLink.registers}
+    registers = {**FrontEnd.registers, **CapsulePoints.registers, **PointLink.registers}
 
     def __init__(self, config, clock_gated=False):
         check_config(config)
@@ -112,7 +112,8 @@ class Capsule(wiring.Component):
         m.submodules.front_end = front_end = FrontEnd(self.config)
         m.submodules.points = points = CapsulePoints(self.config)
         m.submodules.link = link = PointLink(self.config)
-        connect_ports(m, camera_pins(self.config) | FrontEnd.ports, self, front_end)
+        connect_ports(m, camera_pins(self.config) | FrontEnd.ports | FrontEnd.registers, self,
+                      front_end)
         connect_ports(m, points.registers | TABLE_PORT | {"idle": Out(1)}, self, points)
         connect_ports(m, link.registers | PointLink.ports, self, link)
 

@@ -88,7 +88,7 @@ class Paper(wiring.Component):
         Members for the registers that are used.
     """
 
-    registers = {**PaperPoints.registers, **PointLink.registers}
+    registers = {**FrontEnd.registers, **PaperPoints.registers, **PointLink.registers}
 
     def __init__(self, config, clock_gated=False):
         check_config(config)
@@ -118,7 +118,8 @@ class Paper(wiring.Component):
         m.submodules.front_end = front_end = FrontEnd(self.config)
         m.submodules.points = points = PaperPoints(self.config)
         m.submodules.link = link = PointLink(self.config)
-        connect_ports(m, camera_pins(self.config) | FrontEnd.ports, self, front_end)
+        connect_ports(m, camera_pins(self.config) | FrontEnd.ports | FrontEnd.registers, self,
+                      front_end)
         connect_ports(m, points.registers | TABLE_PORT | {"idle": Out(1)}, self, points)
         connect_ports(m, link.registers | PointLink.ports, self, link)
 

@@ -214,7 +214,7 @@ class FrameInfo(data.Struct):
     """What is known of a frame when its first pixel passes.
 
     ``tripped`` tells that the laser guard holds a cause, ``tables_valid`` that a set of tables was
-    committed and checked.
+    committed and checked. ``every`` is the register ``pattern_every``.
     """
 
     number: 16
@@ -222,6 +222,7 @@ class FrameInfo(data.Struct):
     tag: FrameTag
     tripped: 1
     tables_valid: 1
+    every: 4
 
 
 class Detection(data.Struct):

@@ -33,7 +33,7 @@ MEAN_WINDOW_PIXELS = (5, 31)
 #: Beams of the largest mesh.
 MOST_BEAMS = 512
 #: Version of packets and commands.
-PROTOCOL_VERSION = 5
+PROTOCOL_VERSION = 6
 #: Version of the formats of the tables; the calibration file's own number follows it.
 TABLE_VERSION = 1
 #: Octets of a packet on the wire, both delimiters included: the payload of one 802.15.4 frame.
@@ -56,7 +56,7 @@ def fraction_bits(width, height):
 class Field:
     """A field of a packet or of a table's word: name, bits, meaning.
 
-    Fields of packets have whole octets.
+    Fields of packets have whole octets, but for those that share some.
     """
 
     name: str
@@ -112,8 +112,9 @@ class Flag(IntEnum):
 #: counts have 16 bits if its WIDE bit is set.
 TRAILER_FIELDS = (
     Field("number", 16, "frame number; pattern and texture frames count together"),
-    Field("level", 16, "level from which on pixels were lit, unsigned Q8.4: above the local mean, "
+    Field("level", 12, "level from which on pixels were lit, unsigned Q8.4: above the local mean, "
                        "or in the preset `paper` above 0"),
+    Field("every", 4, "the register `pattern_every`: one pattern frame in so many is measured"),
     Field("grey_noise", 16, "noise that the level is a multiple of, in eighths of a grey value; 0 "
                             "in the preset `paper`"),
     Field("saturated", 24, "pixels of grey value `saturation` or more; 0 in the preset `paper`"),
@@ -218,6 +219,8 @@ def registers(clock_hz=16_000_000, baud=115_200):
         Register(0x05, "texture_us", 16, 10_000, "integration of the texture, laser off", low=1),
         Register(0x06, "pattern_as_texture", 1, 0,
                  "in mode 3, send pattern frames as texture frames, without points"),
+        Register(0x07, "pattern_every", 4, 1, "measure one pattern frame in so many and leave the "
+                 "others out; 0 is as 1"),
         Register(0x10, "threshold_fixed", 1, 0, "use `threshold_level` instead of the learnt one; "
                  "this and the next three in preset `paper` only"),
         Register(0x11, "threshold_level", 8, 0, "fixed threshold"),

@@ -24,8 +24,8 @@ def checked(image, width, height):
 class Capsule:
     """Frames in their order, each to what the chip would send of it.
 
-    The only state between frames is the noise, learnt on the frame before, and the frame's
-    number. Queues never overflow: if the chip's buffer is full and it drops spots, its points are a
+    The only state between frames is the noise, learnt on the frame before, the number of its ok
+    points, and the frame's number. Queues never overflow: if the chip's buffer is full and it drops spots, its points are a
     part of these.
 
     Parameters
@@ -43,6 +43,7 @@ class Capsule:
         self.points_max = points_max
         self.number = 0
         self._noise = None
+        self._ok = 0
 
     def frame(self, image):
         """What the chip sends of ``image``.
@@ -65,13 +66,15 @@ class Capsule:
         image = checked(image, self.width, self.height)
         settings = self.settings
         noise = settings.fixed_noise or self._noise
+        before, self._ok = self._ok, 0
         if noise is None:
             result = PatternFrame(learning=True)
             learnt = learn_noise(image, settings)
         else:
             spots, counts, learnt = find_spots(image, noise, settings)
             points = reconstruct(spots, settings, self.width, self.height)
-            points, dropped = limit_points(points, self.points_max)
+            self._ok = int(np.count_nonzero(points["status"] == 0))
+            points, dropped = limit_points(points, self.points_max, before)
             result = PatternFrame(
                 points=points, grey_noise=noise, level=lit_level(noise, settings),
                 dropped=dropped, spots=counts["spots"], rejected=counts["rejected"])

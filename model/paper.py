@@ -1,5 +1,7 @@
 """The golden model of the preset ``paper``: frames in, points and counts out, bit for bit."""
 
+import numpy as np
+
 from model.capsule import checked
 from model.link.point_limiter import limit_points
 from model.link.points import PatternFrame
@@ -35,7 +37,7 @@ class Paper:
     def __init__(self, settings, width, height, labels=LABELS, points_max=0):
         self.settings, self.width, self.height = settings, width, height
         self.labels, self.points_max = labels, points_max
-        self.number = 0
+        self.number = self._ok = 0
 
     def frame(self, image):
         """What the chip sends of ``image``.
@@ -62,7 +64,8 @@ class Paper:
             level = measure_level(image, settings)
         spots, counts = find_corrected_spots(image, level, settings, self.labels)
         points = reconstruct(spots, settings, self.width, self.height)
-        points, beyond = limit_points(points, self.points_max)
+        before, self._ok = self._ok, int(np.count_nonzero(points["status"] == 0))
+        points, beyond = limit_points(points, self.points_max, before)
         dropped = min(counts["dropped"] + beyond, COUNT_LIMIT)
         number, self.number = self.number, (self.number + 1) & 0xFFFF
         return PatternFrame(points=points, number=number, level=level << 4, spots=counts["spots"],

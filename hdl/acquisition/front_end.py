@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from ..config import check_config
 from ..payloads import FrameInfo, FrameTag, GreyPixel
-from ..ports import connect_ports
+from ..ports import connect_ports, sample_registers
 from .addressed_camera import AddressedCamera
 from .camera import Camera
 from .frame_gate import FrameGate
@@ -37,7 +37,7 @@ class FrontEnd(wiring.Component):
 
     Members
     -------
-    camera_pins, ports
+    camera_pins, ports, registers
         See :class:`hdl.capsule.Capsule`.
     o, info : :py:`Out(stream.Signature(GreyPixel))`, :py:`Out(stream.Signature(FrameInfo))`
         Pattern frames and their announcements, see :class:`.frame_gate.FrameGate`.
@@ -48,6 +48,8 @@ class FrontEnd(wiring.Component):
     ----------
     ports : :class:`dict`
         Members that go through to the sequencer and to the host.
+    registers : :class:`dict`
+        Members for the registers that are used.
     """
 
     ports = {
@@ -62,6 +64,7 @@ class FrontEnd(wiring.Component):
         "overrun": Out(8),
         "skipped": Out(8),
     }
+    registers = FrameGate.registers
 
     def __init__(self, config):
         check_config(config)
@@ -69,6 +72,7 @@ class FrontEnd(wiring.Component):
         super().__init__({
             **camera_pins(config),
             **self.ports,
+            **self.registers,
             "o": Out(stream.Signature(GreyPixel)),
             "info": Out(stream.Signature(FrameInfo)),
             "texture": Out(stream.Signature(GreyPixel)),
@@ -84,9 +88,11 @@ class FrontEnd(wiring.Component):
         connect(m, camera.o, gate.i)
         for name in ("o", "info", "texture", "texture_info"):
             connect(m, getattr(gate, name), flipped(getattr(self, name)))
+        register = sample_registers(m, self)
         m.d.comb += [
             *(getattr(gate, name).eq(getattr(self, name))
               for name in ("tag", "tripped", "tables_valid")),
+            *(getattr(gate, name).eq(register[name]) for name in gate.registers),
             self.skipped.eq(gate.lost),
         ]
 

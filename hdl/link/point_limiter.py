@@ -11,11 +11,13 @@ __all__ = ["PointLimiter"]
 
 
 class PointLimiter(wiring.Component):
-    """Passes the first ``limit`` ok points of a frame, and counts the others as dropped.
+    """Passes at most ``limit`` ok points of a frame, and counts the others as dropped.
 
-    So a frame full of false points loses its own last points, and not the frames behind it, for
-    which the buffer would be full. Points that are not ok pass: few of them are ever sent. An end
-    marker waits for its frame's counts, and for space in their queue. Reset discards all counts.
+    So a frame full of false points loses its own points, and not the frames behind it, for which
+    the buffer would be full. If the frame before had more ok points than that, those that pass are
+    spread evenly over the frame, in the same proportion, so that what is left shows the whole mesh;
+    otherwise they are the first ones. Points that are not ok pass: few are ever sent. An end marker
+    waits for its frame's counts, and for space in their queue. Reset discards all counts.
 
     Parameters
     ----------
@@ -59,12 +61,21 @@ class PointLimiter(wiring.Component):
 
         passed = Signal(9)
         dropped = Signal(16)
+        found, found_before = Signal(9), Signal(9)  # ok points, at most 511
+        share = Signal(9)  # in parts of found_before
+        more_share = Signal(10)
+        spread, is_next = Signal(), Signal()
         is_ok, over, end_ready = Signal(), Signal(), Signal()
         total = Signal(17)
         counts = Signal(Counts)
         m.d.comb += [
             is_ok.eq(~point.end & (point.status == Status.OK)),
-            over.eq(is_ok & (self.limit != 0) & (passed == self.limit)),
+            # A point passes whenever the sum of limit / found_before reaches the next integer.
+            spread.eq(found_before > self.limit),
+            more_share.eq(share + self.limit),
+            is_next.eq(more_share >= found_before),
+            over.eq(is_ok & (self.limit != 0)
+                    & ((passed == self.limit) | (spread & ~is_next))),
             end_ready.eq(self.counts_i.valid & queue.w_rdy),
             self.o.payload.eq(self.i.payload),
             self.o.valid.eq(self.i.valid & Mux(point.end, end_ready, ~over)),
@@ -81,9 +92,14 @@ class PointLimiter(wiring.Component):
         ]
         with m.If(self.i.valid & self.i.ready):
             with m.If(point.end):
-                m.d.sync += [passed.eq(0), dropped.eq(0)]
+                m.d.sync += [passed.eq(0), dropped.eq(0), share.eq(0), found.eq(0),
+                             found_before.eq(found)]
             with m.Elif(over & (dropped != 0xFFFF)):
                 m.d.sync += dropped.eq(dropped + 1)
-            with m.If(is_ok & ~over):
-                m.d.sync += passed.eq(passed + 1)
+            with m.If(is_ok):
+                m.d.sync += share.eq(more_share - Mux(is_next, found_before, 0))
+                with m.If(~over):
+                    m.d.sync += passed.eq(passed + 1)
+                with m.If(~found.all()):
+                    m.d.sync += found.eq(found + 1)
         return m

@@ -270,7 +270,7 @@ class Points(wiring.Component):
             texture=info.tag.texture)
         fields = Cat(C(0, _HEAD), kind, bits_of_fields(TRAILER_FIELDS, {
             **dict.fromkeys(_CHAINED, C(0, 16)),
-            "number": info.number, "level": detection.level,
+            "number": info.number, "level": detection.level, "every": info.every,
             "grey_noise": detection.noise, "saturated": detection.saturated,
             "skipped": info.skipped,
             "exposure_us": info.tag.exposure_us, "timestamp_us": info.tag.timestamp_us,

@@ -32,11 +32,12 @@ class PatternFrame:
     ----------
     points : structured array
         Fields of :data:`POINT`, in the order of their labels.
-    number, level, grey_noise, saturated, skipped, exposure_us, timestamp_us : :class:`int`
-        16, 12, 9, 19, 8, 16 and 24 bits: frame number, level from which on a pixel is lit (unsigned
-        Q8.4), the noise that it is a multiple of (eighths of a grey value), pixels of grey value
-        255, frames that were skipped before this one, integration time and its start in
-        microseconds. Preset ``paper`` has no noise and does not count saturated pixels: 0.
+    number, level, every, grey_noise, saturated, skipped, exposure_us, timestamp_us : :class:`int`
+        16, 12, 4, 9, 19, 8, 16 and 24 bits: frame number, level from which on a pixel is lit
+        (unsigned Q8.4), which share of pattern frames is measured, the noise that the level is a
+        multiple of (eighths of a grey value), pixels of grey value 255, frames that were skipped
+        before this one, integration time and its start in microseconds. Preset ``paper`` has no
+        noise and does not count saturated pixels: 0.
     learning, broken, laser, capture, tripped, tables_valid : :class:`bool`
         The noise was not learnt yet; the frame lost synchronism; the laser was lit; taken in
         calibration capture; the laser guard holds a cause; the tables are valid.
@@ -48,6 +49,7 @@ class PatternFrame:
     points: np.ndarray = field(default_factory=lambda: np.zeros(0, POINT))
     number: int = 0
     level: int = 0
+    every: int = 0
     grey_noise: int = 0
     saturated: int = 0
     skipped: int = 0
@@ -134,7 +136,8 @@ def _trailer(frame, unlisted):
               frame.dropped, unlisted]
     wide = max(counts) > 255
     fixed = b"".join(int(value).to_bytes(octets, "little") for value, octets in (
-        (frame.number, 2), (frame.level, 2), (frame.grey_noise, 2), (frame.saturated, 3),
+        (frame.number, 2), (frame.level | frame.every << 12, 2), (frame.grey_noise, 2),
+        (frame.saturated, 3),
         (frame.skipped, 1), (frame.exposure_us, 2), (frame.timestamp_us, 3),
         (check_word(frame.points), 2)))
     return (fixed + b"".join(int(count).to_bytes(1 + wide, "little") for count in counts)

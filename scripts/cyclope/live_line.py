@@ -41,6 +41,8 @@ class LiveLine:
                     f"{ok:2} of {last.spots} spots ok  {recorder.complete['texture']} textures  "
                     "lost packets ")
         text.append(str(decoder.lost), style="yellow" if decoder.lost else "")
+        if last.every > 1:
+            text.append(f"  one pattern in {last.every}")
         text.append(f"  laser {'on' if last.laser else 'off'}")
         if last.summarised and not last.tables_valid:
             text.append(", no valid tables", style="yellow")

@@ -63,19 +63,19 @@ def _marks(arguments):
 
 
 def _frames_of_folder(folder):
-    """Rows by the frames of a result."""
+    """Numbers of a result's frames, in their order, and what gives the rows of one."""
     from scripts.results.accuracy import load_points
     path = folder / "points.csv"
     if not path.exists():
         raise UserError(f"{folder} holds no points.csv: name a folder of `cyclope run` or `cyclope "
                         "receive`, or a link.raw.")
     points = load_points(path)
-    return {int(frame): points[points["frame"] == frame]
-            for frame in sorted(set(points["frame"].tolist()))}
+    known = sorted(set(points["frame"].tolist()))
+    return known, lambda at: points[points["frame"] == known[at]]
 
 
 def _frames(source, calibration):
-    """Rows by frames, in their order."""
+    """As :func:`_frames_of_folder`, of a folder or a recording."""
     if source.is_dir():
         return _frames_of_folder(source)
     if not source.exists():
@@ -84,19 +84,18 @@ def _frames(source, calibration):
         raise UserError(f"{source} is neither a folder nor a recording.")
     from scripts.host.history import read_history
     history = read_history(source, calibration)
-    return {moment.frame.index: moment.points for moment in map(
-        history.moment, range(history.first, history.count))}
+    return history.numbers().tolist(), lambda at: history.moment(at).points
 
 
 def _chosen(frames, number, count, source):
-    """Frames to measure."""
-    known = list(frames)
-    if number not in frames:
+    """Rows of the frames to measure."""
+    known, rows = frames
+    if number not in known:
         raise UserError(f"{source} has no points of frame {number}" + (
             f": its frames are numbered {known[0]} to {known[-1]}, and some may be missing."
             if known else ", nor of any other one."))
     at = known.index(number)
-    return [frames[each] for each in known[at:at + count]]
+    return [rows(each) for each in range(at, min(at + count, len(known)))]
 
 
 def main(arguments):

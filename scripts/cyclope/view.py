@@ -85,9 +85,9 @@ def _live(opened, calibration, folder, name, calibration_path=None):
     from scripts.host.reception import Reception
     from scripts.view.session import LiveSession
 
-    history = History(calibration)
     reception = Reception(folder, calibration)
     try:
+        history = History(calibration, reception.folder, forgets=True)
         owner = LiveChip(opened, reception, history, calibration, lambda: session.changed())
         session = LiveSession(owner, history, reception.folder, name)
         with session:

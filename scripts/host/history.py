@@ -1,6 +1,9 @@
 """What came over the line, frame by frame, to look at again: points, and the texture of then."""
 
+import io
+import pickle
 import threading
+from array import array
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,14 +17,15 @@ from scripts.host.frame_locator import FrameLocator
 from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
 from scripts.host.rebuild import Rebuilder
 from scripts.host.replay import Replay
+from scripts.host.spool import Spool
 from scripts.results.drift import Drift
 
 __all__ = ["History", "Moment", "read_history"]
 
-#: Rows of points that are remembered at most (some 300 MB); older frames are only in the recording.
-MOST_POINTS = 6_000_000
 #: Frames from one remembered state of the texture to the next.
 _SNAPSHOT = 250
+#: Pieces of the texture that wait in memory for a frame.
+_PIECES = 1024
 #: Texture frames of which is remembered whether they were lit, and pieces that wait for that.
 _REMEMBERED = 64
 
@@ -40,8 +44,6 @@ class Moment:
         By the chip's clock, since the first frame; that of the frame before if it is not known.
     lost : :class:`int`
         Packets lost until then.
-    pieces : :class:`int`
-        Pieces of the texture that came before it.
     drift : :class:`scripts.results.drift.Drift` or None
         Whether the rig is as it was calibrated; None without points.
     """
@@ -50,7 +52,6 @@ class Moment:
     points: np.ndarray = field(repr=False)
     seconds: float
     lost: int
-    pieces: int
     drift: Drift | None
 
 
@@ -68,21 +69,22 @@ class _Texture:
             self.grey[piece.row, piece.column:end] = piece.pixels
             self.when[piece.row, piece.column:end] = seconds
 
-    def copy(self):
-        other = _Texture(*self.grey.shape)
-        other.grey[:], other.when[:] = self.grey, self.when
-        return other
-
 
 class History:
     """Frames in their order; safe to read from other threads while frames are added.
+
+    They are kept on the disk; what is in memory is the newest frame, the newest texture, and some
+    tens of octets for each of the others.
 
     Parameters
     ----------
     calibration : :class:`calibration.file.Calibration`
         What the chip was loaded with.
-    most_points : :class:`int`
-        Rows that are remembered at most.
+    folder : path or None
+        Where they are kept, without a name; None for the system's temporary folder.
+    forgets : :class:`bool`
+        Where the disk is full, forget older frames and say so in :attr:`trouble`, rather than
+        raise a UserError.
 
     Attributes
     ----------
@@ -90,17 +92,21 @@ class History:
         Position of the oldest frame that is remembered, and of the one after the newest.
     identity : :class:`dict` or None
         What the chip replied to IDENTIFY.
+    trouble : :class:`str` or None
+        Why older frames were forgotten, in a sentence.
     """
 
-    def __init__(self, calibration, most_points=MOST_POINTS):
-        self.calibration, self._most = calibration, most_points
+    def __init__(self, calibration, folder=None, forgets=False):
+        self.calibration, self._forgets = calibration, forgets
         self.first = self.count = 0
-        self.identity = None
+        self.identity = self.trouble = None
         self._lock = threading.Lock()
-        self._moments, self._rows, self._positions = [], 0, {}
-        self._pieces, self._first_piece = [], 0
-        self._snapshots = {}  # by position
-        self._now = _Texture(calibration.height, calibration.width)
+        self._newest = None
+        self._moments, self._pieces, self._states = (Spool(folder) for _ in range(3))
+        self._base = 0  # position of the frame in the first record of `_moments`
+        self._begin_anew()
+        self._failed = None  # why pieces could not be written
+        self._now, self._since = _Texture(calibration.height, calibration.width), []
         self._announced, self._early = {}, []
         self._clock = ChipClock()
 
@@ -134,13 +140,26 @@ class History:
             If there is no frame.
         """
         with self._lock:
-            if self.count == self.first:
+            if self._newest is None:
                 raise UserError("There is no frame yet.")
             position = min(max(position, self.first), self.count - 1)
-            return self._moments[position - self.first]
+            if position == self.count - 1:
+                return self._newest
+            octets = self._moments.read(position - self._base)
+        return pickle.loads(octets)
 
-    def position(self, index):
-        """Where the frame with this number is.
+    def numbers(self):
+        """Numbers of the frames that are remembered, in the order of their positions; an array."""
+        with self._lock:
+            return np.array(self._numbers, np.int64)
+
+    def seconds(self, position):
+        """:attr:`Moment.seconds` of the frame at a position that is remembered."""
+        with self._lock:
+            return self._times[min(max(position, self.first), self.count - 1) - self.first]
+
+    def position(self, number):
+        """Where the frame with this number is; the last one, if there are several.
 
         Raises
         ------
@@ -148,13 +167,13 @@ class History:
             If there is none.
         """
         with self._lock:
-            found = self._positions.get(index)
-            known = list(self._positions)
-        if found is None:
-            raise UserError(f"There is no frame {index}" + (
+            first, known = self.first, np.array(self._numbers, np.int64)
+        found = np.flatnonzero(known == number)
+        if not len(found):
+            raise UserError(f"There is no frame {number}" + (
                 f": they are numbered {known[0]} to {known[-1]}, and some may be missing."
-                if known else ", nor any other one."))
-        return found
+                if len(known) else ", nor any other one."))
+        return first + int(found[-1])
 
     def texture(self, position):
         """Grey values, and the time of each pixel in :attr:`Moment.seconds`, -inf where none came.
@@ -162,49 +181,69 @@ class History:
         The texture is as it was when the frame at that position came.
         """
         with self._lock:
-            position = min(max(position, self.first), max(self.count - 1, self.first))
             if position >= self.count - 1:
                 return self._now.grey.copy(), self._now.when.copy()
-            begin = max((each for each in self._snapshots if each <= position), default=None)
-            if begin is None:
-                state, done = _Texture(*self._now.grey.shape), self._first_piece
-            else:
-                state = self._snapshots[begin].copy()
-                done = self._moments[begin - self.first].pieces
-            end = self._moments[position - self.first].pieces
-            pieces = self._pieces[done - self._first_piece:end - self._first_piece]
-        for piece, seconds in pieces:
-            state.add(piece, seconds)
+            record = max(position, self.first) - self._base
+            state = record // _SNAPSHOT
+            octets = self._states.read(state)
+            first, end = self._piece_ends[state * _SNAPSHOT], self._piece_ends[record]
+            pieces = self._pieces.read(first, end - first)
+        state = _Texture(*self._now.grey.shape)
+        size = state.grey.size
+        state.grey.flat = np.frombuffer(octets, np.uint8, size)
+        state.when.flat = np.frombuffer(octets, np.float32, size, size)
+        file = io.BytesIO(pieces)
+        while file.tell() < len(pieces):
+            for piece, seconds in pickle.load(file):
+                state.add(piece, seconds)
         return state.grey, state.when
 
     def _add(self, frame, points, lost, drift):
         # The frame's own points are in the rows: no need to keep them twice.
         plain = Frame(**{**vars(frame), "points": frame.points[:0]})
-        pieces = self._first_piece + len(self._pieces)
-        if self.count % _SNAPSHOT == 0:
-            self._snapshots[self.count] = self._now.copy()
-        self._moments.append(Moment(plain, points, self._clock(frame), lost, pieces, drift))
-        self._positions[frame.index] = self.count
+        moment = Moment(plain, points, self._clock(frame), lost, drift)
+        if self.first < self._base:
+            self._begin_anew()  # the frame before could not be kept
+        try:
+            self._keep(moment)
+        except UserError as error:
+            if not self._forgets:
+                raise
+            self._forget(error)
+        self._newest = moment
+        self._numbers.append(frame.index)
+        self._times.append(moment.seconds)
         self.count += 1
-        self._rows += len(points)
-        if self._rows > self._most:
-            self._forget(_SNAPSHOT)
 
-    def _forget(self, frames):
-        """Forget the oldest frames, and pieces of the texture that came before the rest."""
-        frames = min(frames, len(self._moments) - 1)
-        for moment in self._moments[:frames]:
-            self._rows -= len(moment.points)
-            self._positions.pop(moment.frame.index, None)
-        self.first += frames
-        del self._moments[:frames]
-        older = [each for each in self._snapshots if each <= self.first]
-        for each in older[:-1]:
-            del self._snapshots[each]
-        if older and older[-1] == self.first:
-            begin = self._moments[0].pieces
-            del self._pieces[:begin - self._first_piece]
-            self._first_piece = begin
+    def _keep(self, moment):
+        """Write a frame, the pieces that came before it, and at times the whole texture."""
+        failed, self._failed = self._failed, None
+        if failed is not None:
+            raise failed
+        self._spill()
+        if len(self._moments) % _SNAPSHOT == 0:
+            self._states.add(self._now.grey.tobytes() + self._now.when.tobytes())
+        self._piece_ends.append(len(self._pieces))
+        self._moments.add(pickle.dumps(moment))
+
+    def _spill(self):
+        pieces, self._since = self._since, []
+        if pieces:
+            self._pieces.add(pickle.dumps(pieces))
+
+    def _forget(self, error):
+        """Forget all frames, and the one that is being added when another one comes."""
+        for spool in (self._moments, self._pieces, self._states):
+            spool.clear()
+        self._begin_anew()
+        self._base = self.count + 1
+        self.trouble = f"{error} Older frames are only in the recording."
+
+    def _begin_anew(self):
+        """The next frame is the first that is remembered."""
+        self.first = self.count
+        # From position `first` on: numbers, seconds, and records of pieces that came before.
+        self._numbers, self._times, self._piece_ends = array("q"), array("d"), array("q")
 
     def _settle(self):
         """Add pieces whose frame was announced; those of lit frames are no texture."""
@@ -213,8 +252,13 @@ class History:
                 seconds = self._announced.get(piece.index)
                 if seconds is not None:
                     self._now.add(piece, seconds)
-                    self._pieces.append((piece, seconds))
-        self._early = []
+                    self._since.append((piece, seconds))
+            self._early = []
+            if len(self._since) > _PIECES and self._failed is None:
+                try:
+                    self._spill()
+                except UserError as error:
+                    self._failed = error  # for the next frame
 
 
 def read_history(path, calibration, stopped=lambda: False, history=None):

@@ -4,18 +4,28 @@ from dataclasses import dataclass, field
 
 from hdl.protocol import Mode
 from model.errors import UserError
-from scripts.host.chip import check_chip
+from scripts.host.chip import REGISTERS, check_chip
 from scripts.host.guard import TIMES, find_trips
 from scripts.host.loading import load, points_carried, stop, wait_until, write_registers
 from scripts.host.status import HEARTBEAT
 
-__all__ = ["MODES", "LoadPlan"]
+__all__ = ["MODES", "LoadPlan", "fit_patterns"]
 
 #: Ways to run: the mode, and the register ``pattern_as_texture``.
 MODES = {"start": (Mode.CONTINUOUS, 0), "stop": (Mode.STOP, 0), "single": (Mode.SINGLE, 0),
          "pattern-only": (Mode.PATTERN, 0), "pattern-images": (Mode.PATTERN, 1)}
 #: Seconds to wait until the chip has done what was asked.
 _PATIENCE = 10.0
+
+
+def fit_patterns(beams, baud, period_us, full_records=False):
+    """The largest share of pattern frames whose points the line carries: one in so many.
+
+    That of the register ``pattern_every`` at the most, even if the line is still slower.
+    """
+    most = (1 << REGISTERS["pattern_every"].bits) - 1
+    return next((every for every in range(1, most) if points_carried(
+        baud, every * period_us, full_records) >= beams), most)
 
 
 @dataclass
@@ -51,7 +61,7 @@ class LoadPlan:
     before: dict = field(default_factory=dict)  # the status
 
     def check(self, commands):
-        """Refuse what the chip cannot take, before anything is changed.
+        """Refuse what the chip cannot take, before anything is changed; fit the plan to the line.
 
         Returns
         -------
@@ -75,26 +85,39 @@ class LoadPlan:
             if certain:
                 raise UserError(f"The laser guard would trip: {'; '.join(certain)}.")
             warnings = [f"the laser guard may trip: {reason}." for reason in possible]
-        return warnings + self._slow_line(commands)
+        return warnings + self._fit_line(commands)
 
     def _registers(self, commands, names):
         """Values that registers will have, by name: those to be written, or the chip's."""
         return {name: self.chosen[name] if name in self.chosen else commands.read(name)
                 for name in names}
 
-    def _slow_line(self, commands):
-        """What a line that is too slow for the mesh does to its points, in a list."""
+    def _fit_line(self, commands):
+        """Choose ``pattern_every`` so that the line can carry the mesh, unless it was chosen.
+
+        Gives what a line that is too slow for all points of every pattern frame leads to, in a
+        list.
+        """
         if self.calibration is None:
             return []
         clocks, period_us, full_records = self._registers(
             commands, ("divisor", "period_us", "full_records")).values()
         beams = len(self.calibration.settings.line)
         baud = self.identity["clock_khz"] * 1000 / max(1, clocks)
-        carried = points_carried(baud, period_us, full_records)
-        if carried >= beams:
-            return []
-        return [f"at {baud:,.0f} baud the line carries about {carried} of {beams} points in "
-                f"{period_us / 1000:g} ms: the others, found last, are dropped and counted."]
+
+        def carried(every):
+            return points_carried(baud, every * period_us, full_records)
+
+        every = self.chosen.setdefault(
+            "pattern_every", fit_patterns(beams, baud, period_us, full_records))
+        slow = f"at {baud:,.0f} baud the line carries about {carried(1)} of {beams} points in " \
+               f"{period_us / 1000:g} ms"
+        if carried(max(1, every)) < beams:
+            return [slow + (f", {carried(every)} in {every} times that" if every > 1 else "")
+                    + ": the others, spread over the mesh, are dropped and counted."]
+        return [] if every <= 1 else [
+            f"{slow}: the chip measures one pattern frame in {every}, "
+            f"{1e6 / (every * period_us):.3g} a second."]
 
     def carry_out(self, commands, progress=None):
         """Change the chip; ``progress`` as for :func:`scripts.host.loading.load`."""

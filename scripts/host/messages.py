@@ -64,6 +64,8 @@ class Frame(_Flags):
     level : :class:`int`
         Level from which on pixels were lit, in sixteenths of a grey value: above the local mean, or
         in the preset ``paper`` above 0.
+    every : :class:`int`
+        One pattern frame in so many is measured, the others are left out; 0 is as 1.
     grey_noise : :class:`int`
         What the level is a multiple of, in eighths of a grey value; 0 in the preset ``paper``.
     saturated : :class:`int`
@@ -103,6 +105,7 @@ class Frame(_Flags):
 
     number: int
     level: int = 0
+    every: int = 1
     grey_noise: int = 0
     saturated: int = 0
     skipped: int = 0
@@ -194,9 +197,9 @@ def fields_of(octets, fields, wide=()):
     wide : collection of :class:`str`
         Names of fields that have 16 bits here.
     """
-    values, begin = {}, 0
+    word, values = int.from_bytes(octets, "little"), {}
     for each in fields:
-        end = begin + (2 if each.name in wide else each.bits // 8)
-        values[each.name] = int.from_bytes(octets[begin:end], "little")
-        begin = end
+        bits = 16 if each.name in wide else each.bits
+        values[each.name] = word & ((1 << bits) - 1)
+        word >>= bits
     return values

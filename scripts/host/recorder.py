@@ -31,7 +31,7 @@ _COUNTED = ("level", "grey_noise", "saturated", "skipped", "spots", "ok", "noise
 _FLAGS = ("learning", "broken", "capture", "tripped", "tables_valid")
 _FRAMES_HEADER = ("number,kind,laser,exposure_us,timestamp_us," + ",".join(_COUNTED)
                   + ",check,flags,lost_packets,bad_sync,overrun,duplicate,doubtful"
-                  + ",line_distance_px,line_distance_normal_px,moved\n")
+                  + ",line_distance_px,line_distance_normal_px,moved,every\n")
 _CHECK = {True: "ok", False: "failed", None: ""}
 #: Texture frames of which is remembered whether they were lit, and fragments that wait for that.
 _REMEMBERED = 64
@@ -236,13 +236,13 @@ class Recorder:
         if frame.summarised:
             self._row(frame, "pattern", [f"{getattr(frame, name) / _GREY_UNITS.get(name, 1):.10g}"
                                          for name in _COUNTED],
-                      _CHECK[frame.verified], str(frame.lost), found)
+                      _CHECK[frame.verified], str(frame.lost), [*found, str(max(1, frame.every))])
         else:
             # Laser, exposure and time were in the packet that is missing.
             blank = [""] * (3 + len(_COUNTED) + 1)
             self._frames.append(",".join([
                 str(frame.index), "pattern", *blank, "incomplete", str(frame.lost), "", "",
-                *found]) + "\n")
+                *found, ""]) + "\n")
         time_us = str(frame.timestamp_us) if frame.summarised else ""
         for point in points:
             self._points.append(csv_line(point, NAMES, time_us))

@@ -46,6 +46,7 @@ class ModelInstrument:
         self.machine = CommandMachine(width, height, beams, _LANES, baud=baud)
         self._texture = Texture(width, height)
         self._model, self._out, self._sequence = None, bytearray(), 0
+        self._patterns, self._owed = 0, 0.0  # since the last that was measured; octets on the line
         self._number, self._now, self._next, self._capture_until = 0, 0.0, 0.0, 0.0
         self.tripped = 0
 
@@ -117,11 +118,18 @@ class ModelInstrument:
         pattern, texture = self._expose(registers["pattern_us"], registers["texture_us"], lit)
         if self._model is None:
             self._model = Capsule(self._settings(), *self._size, registers["points_max"])
-        frame = replace(
-            self._model.frame(pattern), number=self._number, exposure_us=registers["pattern_us"],
-            timestamp_us=round(self._next) & 0xFFFFFF, **flags)
-        contents = packets(frame, bool(registers["full_records"]))
-        room = registers["period_us"] * self._baud / 1e6 / _BITS - wire_octets(contents)
+        contents = []
+        if not 0 < self._patterns < registers["pattern_every"]:
+            self._patterns = 0
+            frame = replace(
+                self._model.frame(pattern), number=self._number, every=registers["pattern_every"],
+                exposure_us=registers["pattern_us"],
+                timestamp_us=round(self._next) & 0xFFFFFF, **flags)
+            contents = packets(frame, bool(registers["full_records"]))
+        self._patterns += 1
+        room = (registers["period_us"] * self._baud / 1e6 / _BITS - wire_octets(contents)
+                - self._owed)
+        self._owed = max(0.0, -room)
         if mode != Mode.PATTERN:
             contents += self._image(texture, room, registers, {**flags, "laser": False})
         self._send(contents)

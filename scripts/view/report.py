@@ -70,22 +70,24 @@ def _depth(history, position):
 
 def _figures(history):
     """Rows of the table at the top."""
-    moments = [history.moment(each) for each in range(history.first, history.count)]
-    seconds = moments[-1].seconds - moments[0].seconds
-    count = {status: np.array([np.count_nonzero(moment.points["status"] == status)
-                               for moment in moments]) for status in (OK, DOUBTFUL)}
+    count, lit, failed, points, doubtful = history.count - history.first, 0, 0, 0, 0
+    for position in range(history.first, history.count):
+        moment = history.moment(position)
+        lit += moment.frame.laser
+        failed += moment.frame.verified is False
+        points += np.count_nonzero(moment.points["status"] == OK)
+        doubtful += np.count_nonzero(moment.points["status"] == DOUBTFUL)
+    numbers = history.numbers()
+    seconds = moment.seconds - history.seconds(history.first)
     beams = sum(beam is not None for beam in history.calibration.beams)
-    lit = sum(moment.frame.laser for moment in moments)
-    failed = sum(moment.frame.verified is False for moment in moments)
-    yield "frames", f"{len(moments)}, numbered {moments[0].frame.index} to " \
-                    f"{moments[-1].frame.index}"
+    yield "frames", f"{count}, numbered {numbers[0]} to {numbers[-1]}"
     yield "duration", f"{seconds:.1f} s" + (
-        f", {(len(moments) - 1) / seconds:.1f} pairs/s" if seconds else "")
+        f", {(count - 1) / seconds:.1f} pairs/s" if seconds else "")
     yield "laser lit", f"in {lit} frames"
-    yield "points a frame", f"{count[OK].mean():.1f} of {beams} beams"
-    yield "doubtful points a frame", f"{count[DOUBTFUL].mean():.2f}"
+    yield "points a frame", f"{points / count:.1f} of {beams} beams"
+    yield "doubtful points a frame", f"{doubtful / count:.2f}"
     yield "frames whose check failed", str(failed)
-    yield "packets lost", str(moments[-1].lost)
+    yield "packets lost", str(moment.lost)
 
 
 def _number(value, digits):
@@ -120,8 +122,7 @@ def write_report(history, name, measured):
         Measurements, as :meth:`scripts.view.measurements.Measurements.plain` gives them.
     """
     positions = set(np.linspace(history.first, history.count - 1, _SHOWN).astype(int).tolist())
-    known = {history.moment(each).frame.index: each
-             for each in range(history.first, history.count)}
+    known = {int(number): history.first + at for at, number in enumerate(history.numbers())}
     positions |= {known[each["frame"]] for each in measured if each["frame"] in known}
     figures = []
     for position in sorted(positions):

@@ -61,11 +61,9 @@ def describe_frame(history, position):
 def _rate(history, position):
     """Pairs a second by the chip's clock."""
     begin = max(history.first, position - _RATE_FRAMES)
-    if position <= begin:
-        return 0.0
-    one, two = history.moment(begin), history.moment(position)
-    span = two.seconds - one.seconds
-    return (position - begin) / span if span > 0 else 0.0
+    end = max(position, min(begin + 1, history.count - 1))  # of the first frame, with the next one
+    span = history.seconds(end) - history.seconds(begin)
+    return (end - begin) / span if span > 0 else 0.0
 
 
 def describe_strip(history, position):

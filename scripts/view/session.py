@@ -66,8 +66,8 @@ class Session:
     def state(self):
         """What changes by itself."""
         return {"type": "state", "first": self.history.first, "count": self.history.count,
-                "trouble": self.fault or self.measurements.trouble or self._trouble(), "chip": None,
-                "doing": None, **self._more()}
+                "trouble": (self.fault or self.measurements.trouble or self._trouble()
+                            or self.history.trouble), "chip": None, "doing": None, **self._more()}
 
     def _trouble(self):
         return None

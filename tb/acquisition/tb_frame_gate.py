@@ -4,7 +4,7 @@ from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
 from hdl.acquisition.frame_gate import FrameGate
 from hdl.payloads import FrameInfo, FrameTag, GreyPixel
-from model.acquisition.frame_gate import gate
+from model.acquisition.frame_gate import LEFT_OUT, gate
 from tb.harness import Bench, parameters
 from tb.native_block import pack
 from tb.preprocessing.frames import BROKEN_GREY, grey_words
@@ -44,7 +44,7 @@ def random_tag(rng):
 
 
 PLAIN = {"info_ready": 1, "texture_info_ready": 1, "tag": 0,
-         "tripped": 0, "tables_valid": 0}
+         "tripped": 0, "tables_valid": 0, "pattern_every": 0}
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
@@ -56,7 +56,8 @@ async def whole_frames_or_none(dut, gap, stall):
                   plain=PLAIN)
     reader = Reader(bench)
     await bench.reset()
-    room, wanted, states = [], {"o": [], "texture": []}, []
+    frames, wanted, states, words_of_frames = [], {"o": [], "texture": []}, [], []
+    every = 1
     for _ in range(80):
         image = rng.integers(0, 256, (3, 4)).astype(np.uint8)
         words = words_of(grey_words(image))
@@ -73,12 +74,14 @@ async def whole_frames_or_none(dut, gap, stall):
         dut.texture_info_ready.value = ready ^ 1 ^ tag["texture"]
         dut.tag.value = word_of(FrameTag, **tag)
         dut.tripped.value, dut.tables_valid.value = tripped, tables_valid
+        if rng.random() < 0.2:
+            every = int(rng.choice([0, 1, 2, 3, 5, 15]))
+        dut.pattern_every.value = every
         if kind != "nothing":
-            room.append(ready)
-            states.append({"tripped": tripped, "tables_valid": tables_valid,
+            frames.append((ready, not tag["texture"], every))
+            states.append({"tripped": tripped, "tables_valid": tables_valid, "every": every,
                            **{f"tag_{name}": value for name, value in tag.items()}})
-            if ready:
-                wanted["texture" if tag["texture"] else "o"] += words
+            words_of_frames.append(words)
         first, then = words[:1], words[1:]
         await bench.i.send(first)
         if then:
@@ -87,6 +90,10 @@ async def whole_frames_or_none(dut, gap, stall):
             await bench.i.send(then)
         if gap or stall:  # the frame's own pixels must not hurt later ones
             await ClockCycles(dut.clk, int(rng.integers(0, 3)))
+    passed = gate(*zip(*frames, strict=True))
+    for entry, state, words in zip(passed, states, words_of_frames, strict=True):
+        if entry:
+            wanted["texture" if state["tag_texture"] else "o"] += words
     for name in wanted:
         assert await getattr(bench, name).receive(len(wanted[name])) == wanted[name]
     await ClockCycles(dut.clk, 20)
@@ -94,9 +101,9 @@ async def whole_frames_or_none(dut, gap, stall):
     announced = [
         ("texture_info" if state["tag_texture"] else "info",
          word_of(FrameInfo, number=entry[0], skipped=entry[1], **state))
-        for entry, state in zip(gate(room), states, strict=True) if entry is not None]
+        for entry, state in zip(passed, states, strict=True) if entry]
     assert reader.taken == announced
-    assert dut.lost.value == room.count(False)
+    assert dut.lost.value == passed.count(None) and passed.count(LEFT_OUT) > 5
 
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")

@@ -180,8 +180,8 @@ def _camera(m, block, g, inside):
 
 
 def _frame_gate(m, block, g, inside):
-    # A queue that has room for an announcement has it until that comes; the tag is still while
-    # a frame begins.
+    # A queue that has room for an announcement has it until that comes; the tag and the share
+    # of frames are still while a frame begins.
     for name in ("info", "texture_info"):
         port = getattr(block, name)
         room = Signal(name=f"{name}_room", reset_less=True)
@@ -189,8 +189,10 @@ def _frame_gate(m, block, g, inside):
         formal.assume(m, f"{name}_room", ~room | port.ready)
     waits = Signal(reset_less=True)
     m.d.sync += waits.eq(block.i.valid & ~block.i.ready)
-    tag = _past(m, block.tag, "tag_before")
-    formal.assume(m, "tag", ~waits | (Value.cast(block.tag) == tag))
+    for name in ("tag", "pattern_every"):
+        port = getattr(block, name)
+        formal.assume(m, name, ~waits | (
+            Value.cast(port) == _past(m, port, f"{name}_before")))
 
 
 def _depth(m, block, g, inside):

@@ -134,13 +134,13 @@ def test_bad_values_never_reach_the_chip(words, sentence, terminal, capsys):
 
 
 @pytest.mark.parametrize("beams, size, versions, sentence", [
-    (16, (64, 48), (5, 1), "The calibration is for a sensor of 64 x 64 pixels, the chip has one of "
+    (16, (64, 48), (6, 1), "The calibration is for a sensor of 64 x 64 pixels, the chip has one of "
      "48 x 64: calibrate this rig."),
-    (9, (64, 64), (5, 1), "The calibration has 16 beams, the chip is made for 9: calibrate this "
+    (9, (64, 64), (6, 1), "The calibration has 16 beams, the chip is made for 9: calibrate this "
      "rig."),
-    (16, (64, 64), (2, 1), "The chip speaks version 2 of the protocol, this program version 5: use "
+    (16, (64, 64), (2, 1), "The chip speaks version 2 of the protocol, this program version 6: use "
      "the program of the chip's version."),
-    (16, (64, 64), (5, 9), "The chip takes tables of version 9, this program has those of version "
+    (16, (64, 64), (6, 9), "The chip takes tables of version 9, this program has those of version "
      "1: use the program of the chip's version.")])
 def test_other_chips_are_refused(beams, size, versions, sentence, rig, tmp_path, capsys):
     """Before anything is changed; what the receiver recorded until then is kept."""
@@ -272,8 +272,19 @@ def test_a_line_that_is_too_slow_for_the_mesh(terminal, rig, capsys):
     with commands(terminal) as asking:
         asking.write("divisor", 1200)
     load_chip(terminal, rig, "--stop")
-    assert re.search(r"! at [\d,]+ baud the line carries about \d of 16 points in 40 ms",
+    assert re.search(r"! at [\d,]+ baud the line carries about \d of 16 points in 40 ms: the chip "
+                     r"measures one pattern frame in 3, 8.33 a second", capsys.readouterr().out)
+    with commands(terminal) as asking:
+        assert asking.read("pattern_every") == 3
+    load_chip(terminal, rig, "--stop", "--register", "pattern_every=1")
+    assert re.search(r"\d of 16 points in 40 ms: the others, spread over the mesh, are dropped",
                      capsys.readouterr().out)
+    with commands(terminal) as asking:
+        asking.write("pattern_every", 3)
+        asking.write("divisor", 16)
+    load_chip(terminal, rig, "--stop")
+    with commands(terminal) as asking:
+        assert asking.read("pattern_every") == 1
 
 
 def test_single_says_who_receives_it(terminal, rig, capsys):

@@ -44,8 +44,8 @@ def pattern_frame(rng, points, **fields):
         return int(rng.integers(0, 1 << bits))
 
     chosen = {
-        "number": any_of(16), "level": any_of(12), "grey_noise": any_of(9), "saturated": any_of(19),
-        "skipped": any_of(8), "exposure_us": any_of(16),
+        "number": any_of(16), "level": any_of(12), "every": any_of(4), "grey_noise": any_of(9),
+        "saturated": any_of(19), "skipped": any_of(8), "exposure_us": any_of(16),
         "timestamp_us": any_of(24), "rejected": any_of(int(rng.integers(0, 11))),
         "dropped": any_of(int(rng.integers(0, 11))),
         **{name: bool(any_of(1)) for name in (
@@ -113,7 +113,7 @@ def _extremes():
         yield f"{count} records", pattern_frame(rng, random_points(rng, count), **none)
     yield "8 records, wide", pattern_frame(rng, random_points(rng, 7), rejected=300)
     yield "numbers at their ends", pattern_frame(
-        rng, _of_values(1, **ones), number=0xFFFF, level=0xFFF, grey_noise=0x1FF,
+        rng, _of_values(1, **ones), number=0xFFFF, level=0xFFF, every=15, grey_noise=0x1FF,
         saturated=0x7FFFF, skipped=255, exposure_us=0xFFFF,
         timestamp_us=0xFFFFFF, rejected=0xFFFE, dropped=0, learning=True, broken=True, laser=True,
         capture=True, tripped=True, tables_valid=True)

@@ -52,6 +52,7 @@ class LinkRig(wiring.Component):
             gate.o.ready.eq(1),
             gate.info.ready.eq(1),
             gate.tag.eq(self.tag),
+            gate.pattern_every.eq(1),
             points.full_records.eq(self.full_records),
             transmitter.texture_enable.eq(1),
             transmitter.more.eq(self.points.valid | self.more),

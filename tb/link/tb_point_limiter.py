@@ -20,13 +20,14 @@ async def so_many_ok_points_a_frame(dut, gap, stall, limit):
     bench = Bench(dut, inputs=("i", "counts_i"), outputs=("o", "counts_o"), gap=gap, stall=stall,
                   plain={"limit": limit})
     await bench.reset()
-    wanted, wanted_counts = [], []
-    for length in (0, 1, 7, 8, 300, *rng.integers(0, 40, 12)):
+    wanted, wanted_counts, before = [], [], 0
+    for length in (0, 1, 7, 8, 300, 300, 299, 520, 520, *rng.integers(0, 40, 12)):
         points = np.zeros(length, POINT)
-        points["status"] = rng.choice(4, length, p=[0.7, 0.1, 0.1, 0.1])
+        points["status"] = rng.choice(4, length, p=[0.97, 0.01, 0.01, 0.01])
         points["u"] = rng.integers(0, 1 << 18, length)
         dropped = int(rng.choice([0, 3, 65_533]))
-        kept, over = limit_points(points, limit)
+        kept, over = limit_points(points, limit, before)
+        before = np.count_nonzero(points["status"] == 0)
         end = words(Point, end=[1])
         bench.i.append(words(Point, status=points["status"], u=points["u"]) * bool(length) + end)
         wanted += words(Point, status=kept["status"], u=kept["u"]) * bool(len(kept)) + end

@@ -32,7 +32,7 @@ def words(frame):
     info = word(FrameInfo, number=frame.number, skipped=frame.skipped,
                 tag_exposure_us=frame.exposure_us, tag_timestamp_us=frame.timestamp_us,
                 tag_laser=frame.laser, tag_capture=frame.capture, tripped=frame.tripped,
-                tables_valid=frame.tables_valid)
+                tables_valid=frame.tables_valid, every=frame.every)
     return points, counts, detection, info
 
 

@@ -25,8 +25,8 @@ from tb.link.wire import (
 )
 from tb.system.stimuli import any_settings
 
-FIELDS = ("number", "level", "grey_noise", "saturated", "skipped", "exposure_us", "timestamp_us",
-          "check", "spots", "ok", "noise", "ambiguous", "rejected", "dropped")
+FIELDS = ("number", "level", "every", "grey_noise", "saturated", "skipped", "exposure_us",
+          "timestamp_us", "check", "spots", "ok", "noise", "ambiguous", "rejected", "dropped")
 
 
 def clean(decoder):
@@ -92,7 +92,8 @@ def test_frames_of_the_model(case, full):
     wanted = make_frame(
         frame.points, frame.number, rejected=frame.rejected, dropped=frame.dropped, flags=flags,
         **{name: getattr(frame, name) for name in (
-            "level", "grey_noise", "saturated", "skipped", "exposure_us", "timestamp_us")})
+            "level", "every", "grey_noise", "saturated", "skipped", "exposure_us",
+            "timestamp_us")})
     wanted["spots"] = frame.spots
     octets, _ = framer.frame(points_model.packets(frame, full), 250)
     assert octets == Wire(250).frame(wanted, full)

@@ -48,6 +48,7 @@ class TextureRig(wiring.Component):
             gate.o.ready.eq(1),
             gate.info.ready.eq(1),
             gate.tag.eq(self.tag),
+            gate.pattern_every.eq(1),
             gate.tripped.eq(self.tripped),
             gate.tables_valid.eq(self.tables_valid),
             texture.enable.eq(self.enable),

@@ -76,8 +76,8 @@ def make_frame(points, number=0, *, rejected=0, dropped=0, **fields):
     """A dictionary of a frame as the chip would tell it; `rejected` are those not passed on."""
     counts = [int(np.count_nonzero(points["status"] == status)) for status in range(4)]
     return {
-        "number": number, "level": 640, "grey_noise": 284, "saturated": 77, "skipped": 0,
-        "exposure_us": 500, "timestamp_us": 0,
+        "number": number, "level": 640, "every": 1, "grey_noise": 284, "saturated": 77,
+        "skipped": 0, "exposure_us": 500, "timestamp_us": 0,
         "check": bits_of_check(points), "spots": len(points) + rejected + dropped,
         "ok": counts[0], "noise": counts[1], "ambiguous": counts[2],
         "rejected": counts[3] + rejected, "dropped": dropped, "flags": 0x48, "points": points,
@@ -104,8 +104,8 @@ def random_points(rng, count, statuses=(0, 0, 0, 0, 1, 2, 3)):
 def random_frame(rng, number, count, **fields):
     """A frame of random points."""
     return make_frame(
-        random_points(rng, count), number, level=rng.getrandbits(12), grey_noise=rng.getrandbits(9),
-        saturated=rng.getrandbits(19), skipped=rng.getrandbits(8),
+        random_points(rng, count), number, level=rng.getrandbits(12), every=rng.getrandbits(4),
+        grey_noise=rng.getrandbits(9), saturated=rng.getrandbits(19), skipped=rng.getrandbits(8),
         exposure_us=rng.getrandbits(16), rejected=rng.choice([0, rng.randrange(9)]),
         dropped=rng.choice([0, rng.randrange(400)]), **fields)
 
@@ -132,7 +132,8 @@ class Wire:
         counts = [frame[name] for name in ("spots", "ok", "noise", "ambiguous", "rejected",
                                            "dropped")] + [unlisted]
         wide = max(counts) > 255
-        trailer = (number.to_bytes(2, "little") + frame["level"].to_bytes(2, "little")
+        trailer = (number.to_bytes(2, "little")
+                   + (frame["level"] | frame["every"] << 12).to_bytes(2, "little")
                    + frame["grey_noise"].to_bytes(2, "little")
                    + frame["saturated"].to_bytes(3, "little") + bytes([frame["skipped"]])
                    + frame["exposure_us"].to_bytes(2, "little")

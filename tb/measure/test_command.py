@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 
 from calibration import file
-from model.errors import UserError
 from model.optics.scenes import Plane
 from scripts.cyclope import cli
-from scripts.host.history import History, read_history
+from scripts.host.history import read_history
 from scripts.measure.records import CSV_HEADER
 from scripts.results.outputs import write_csv
 from tb.host.bench import record
 from tb.measure.simulated import calibration_of, measured, mesh_rig
-from tb.system.fake_instrument import any_calibration
 
 NOISE_PX = 0.04
 POINTS = ("--points", "120,90", "200,160")
@@ -113,32 +111,3 @@ def test_a_recording_measures_as_its_tables_do(tmp_path, capsys):
         answers.append(output.out if status == 0 else output.err)
     assert answers[0] == answers[1] or np.isclose(
         *(json.loads(answer)["length_mm"] for answer in answers), rtol=1e-3)
-
-
-def test_history_remembers_and_forgets():
-    from scripts.host.messages import Frame, TextureFrame, TexturePiece
-    from scripts.results.points import POINT
-    history = History(any_calibration(), most_points=3000)
-    with pytest.raises(UserError, match="no frame yet"):
-        history.moment(0)
-    for number in range(600):
-        history.take(TexturePiece(2 * number + 1, number % 64, 0,
-                                  np.full(64, number % 251, np.uint8)))
-        history.take(TextureFrame(2 * number + 1, 0, 9, 40_000 * (number + 1), 0, 0, 0x80,
-                                  2 * number + 1))
-        points = np.zeros(9, POINT)
-        points["frame"] = 2 * number + 2
-        history.take(Frame(2 * number + 2, index=2 * number + 2, timestamp_us=(
-            40_000 * (number + 1) + 20_000)), points)
-    assert history.count == 600 and 0 < history.first < 600
-    assert 9 * (history.count - history.first) <= 3000
-    assert history.moment(0).frame.index == 2 * history.first + 2
-    position = history.position(2 * 500 + 2)
-    assert position == 500
-    for position in (history.first, 501, 550, 599):
-        grey, when = history.texture(position)
-        for row in (0, 17, 63):
-            last = max(n for n in range(position + 1) if n % 64 == row)
-            assert (grey[row] == last % 251).all() and np.allclose(when[row], 0.04 * last)
-    with pytest.raises(UserError, match="There is no frame 3: they are numbered"):
-        history.position(3)

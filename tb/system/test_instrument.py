@@ -20,7 +20,7 @@ from tb.system.played_instrument import SMALL
 from tb.system.stimuli import any_settings, random_frame, spot_frame
 from tb.system.test_paper import settings_of as paper_settings
 from tb.system.test_paper_instrument import VIDEO
-from tb.system.whole import Whole
+from tb.system.whole import Whole, same
 
 PERIOD_US = 40_000
 #: The shortest that the laser guard bears, where the period proves nothing: half as much to run.
@@ -311,6 +311,27 @@ def test_modes(mode):
     bench.assert_frames_are_the_model_s()
     bench.assert_light_is_safe()
     bench.assert_link_is_clean()
+
+
+@pytest.mark.parametrize("share", [2, 5])
+def test_one_pattern_in_so_many(share):
+    """The others are exposed and leave no trace but their numbers; the line has their time."""
+    bench = Whole(SMALL, small(11), spots(11, 9), mode=Mode.PATTERN, period_us=SHORT_US,
+                  pattern_every=share)
+    bench.run((2 * share + 1.5) * SHORT_US)
+    bench.commands.write("pattern_every", 1)
+    bench.run(4 * SHORT_US)
+    bench.assert_link_is_clean()
+    assert bench.assert_light_is_safe() >= 2 * share
+    measured = [frame.index for frame in bench.frames if frame.every == share]
+    assert measured == list(range(0, measured[-1] + 1, share)) and len(measured) >= 3
+    others = [frame.index for frame in bench.frames if frame.every == 1]
+    assert others == list(range(others[0], others[0] + len(others))) and len(others) >= 3
+    assert measured[-1] < others[0] <= measured[-1] + share
+    model = Model(bench.settings, 64, 64, points_max=72)
+    for frame in bench.frames:
+        assert same(frame, model.frame(bench.shown[frame.index][0])), f"frame {frame.index}"
+        assert frame.skipped == 0
 
 
 def test_exposure_changes_with_its_frame():

@@ -178,6 +178,7 @@ def test_every_control_of_a_replay(browser, recorded):
         assert page.locator("#laser b").inner_text() == "lit"
         found = len(recorded[1].moment(0).points)
         assert page.locator("#ok b").inner_text() == f"{found}/121"
+        assert page.locator("#rate b").inner_text() == "25.0"
         assert page.locator("#chip").is_hidden()
         for key, position in (("ArrowRight", 1), ("Shift+ArrowRight", 11), ("ArrowLeft", 10)):
             page.keyboard.press(key)
@@ -305,7 +306,8 @@ def test_live_from_an_empty_chip_to_a_recording(browser, tmp_path):
                 (each) => [each.name, each.value]))"""
             assert page.evaluate(values) == {
                 "pattern_us": "500", "texture_us": "10000", "period_us": "40000", "lit_gain": "18",
-                "core_gain": "24", "dent_gain": "4", "points_max": "72", "texture_enable": "1"}
+                "core_gain": "24", "dent_gain": "4", "pattern_every": "1", "points_max": "72",
+                "texture_enable": "1"}
             pattern, button = page.locator("#register-pattern_us"), "#registers button"
             pattern.fill("300")
             page.locator("#register-points_max").fill("12")

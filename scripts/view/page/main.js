@@ -3,6 +3,7 @@ import { Picture } from "./picture.js";
 import { Stage } from "./stage.js";
 import { Strip } from "./strip.js";
 import { Tools } from "./tools.js";
+import { put } from "./words.js";
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token");
@@ -138,9 +139,9 @@ class Page {
       "images, without points. They are written to the folder of the recording.", "images");
     else this.unsay("images");
     this.tools.state(state);
-    if (!state.count) $("empty").textContent = this.live
+    if (!state.count) put($("empty"), this.live
       ? "Waiting for the first frame: start the capsule under \u201cCapsule\u201d."
-      : "This recording has no frame.";
+      : "This recording has no frame.");
     this.bar();
   }
 
@@ -149,7 +150,7 @@ class Page {
     if (kind !== "said" && (this.sentences || []).some((each) => each.kind === kind && each.text === text)) return;
     this.sentences = (this.sentences || []).filter((each) => each.kind !== kind);
     this.sentences.push({ kind, text });
-    $("message").textContent = text;
+    put($("message"), text);
     if (kind === "said") {
       clearTimeout(this.silence);
       this.silence = setTimeout(() => this.unsay("said"), 6000);
@@ -158,7 +159,7 @@ class Page {
 
   unsay(kind) {
     this.sentences = (this.sentences || []).filter((each) => each.kind !== kind);
-    $("message").textContent = this.sentences.length ? this.sentences.at(-1).text : "";
+    put($("message"), this.sentences.length ? this.sentences.at(-1).text : "");
   }
 
   // Time.
@@ -170,8 +171,8 @@ class Page {
     bar.min = first;
     bar.max = Math.max(count - 1, first);
     if (!this.dragging && this.frame) bar.value = this.frame.position;
-    $("when").textContent = this.frame
-      ? `frame ${this.frame.frame}, ${this.frame.seconds.toFixed(1)} s` : "no frame";
+    put($("when"), this.frame
+      ? `frame ${this.frame.frame}, ${this.frame.seconds.toFixed(1)} s` : "no frame");
   }
 
   get end() {
@@ -235,6 +236,7 @@ class Page {
       } else if (Math.floor(this.at) > this.frame.position) this.go(Math.floor(this.at));
     }
     this.stage.render();
+    this.picture.render();
     this.scale();
     if (this.unseen && this.socket.readyState === WebSocket.OPEN) {
       this.unseen = false;
@@ -247,7 +249,7 @@ class Page {
     let length = 1;
     for (const step of [1, 2, 5, 10, 20, 50, 100]) if (step / perPixel <= 170) length = step;
     $("scale").style.width = `${Math.round(length / perPixel)}px`;
-    $("scale").firstElementChild.textContent = `${length} mm`;
+    put($("scale").firstElementChild, `${length} mm`);
   }
 
   controls() {

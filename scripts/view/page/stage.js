@@ -20,11 +20,21 @@ function geometry(...names) {
   return made;
 }
 
+// Whether the processor draws, for want of graphics hardware: smooth edges then cost frames.
+function software() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const info = gl && gl.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+  if (gl) gl.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
+}
+
 export class Stage {
   constructor(canvas, labels) {
     this.canvas = canvas;
     this.labels = labels;
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
+    const context = canvas.getContext("webgl2", { alpha: false, antialias: !software() });
+    this.renderer = new THREE.WebGLRenderer({ canvas, context });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.scene = new THREE.Scene();
     this.world = new THREE.Group();

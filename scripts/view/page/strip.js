@@ -1,4 +1,6 @@
 // The strip of states at the top; grey when the last frame is old.
+import { put } from "./words.js";
+
 const $ = (id) => document.getElementById(id);
 const OLD = 1.0; // seconds
 const FIT = $("fit").title;
@@ -19,9 +21,9 @@ export class Strip {
   set(id, text, kind = "", small = null) {
     const cell = $(id);
     const words = cell.querySelector("b");
-    if (words.textContent !== text) words.textContent = text;
+    put(words, text);
     for (const name of ["good", "warn", "bad"]) cell.classList.toggle(name, name === kind);
-    if (small !== null) cell.querySelector("span").textContent = small;
+    if (small !== null) put(cell.querySelector("span"), small);
   }
 
   show(frame) {
@@ -85,8 +87,7 @@ export class Strip {
     if (stale && this.page.frame) {
       this.set("rate", "0.0");
       const text = this.lost ? "not connected" : `no frame for ${Math.floor(age)} s`;
-      const words = $("laser").querySelector("b");
-      if (words.textContent !== text) words.textContent = text;
+      put($("laser").querySelector("b"), text);
     }
   }
 }

@@ -1,4 +1,6 @@
 // Ruler and polyp tool, the list of measurements, and the capsule's controls.
+import { put } from "./words.js";
+
 const $ = (id) => document.getElementById(id);
 const DRAGGED = 6; // pixels of the screen
 const CIRCLE = 24; // points
@@ -134,7 +136,7 @@ export class Tools {
     const here = frame ? this.found.filter((each) => each.frame === frame.frame) : [];
     this.rows(here);
     const hints = this.tool ? HINTS[this.tool] : null;
-    $("hint").textContent = hints ? hints[Math.min(this.marks.length, hints.length - 1)] : HINTS.none;
+    put($("hint"), hints ? hints[Math.min(this.marks.length, hints.length - 1)] : HINTS.none);
     $("done").disabled = this.tool !== "polyp" || this.marks.length < 3 || this.busy;
     if (!frame) return;
     const segments = [], pins = [], overlays = [];
@@ -253,8 +255,8 @@ export class Tools {
       button.disabled = doing;
       button.classList.toggle("on", button.dataset.chip === BUTTONS[mode]);
     });
-    $("chip").querySelector("summary").textContent = doing ? `Capsule: ${state.doing}`
-      : state.chip ? `Capsule: ${MODES[mode]}` : "Capsule";
+    put($("chip").querySelector("summary"), doing ? `Capsule: ${state.doing}`
+      : state.chip ? `Capsule: ${MODES[mode]}` : "Capsule");
     this.values(state.chip && state.chip.registers);
     // It opens by itself for a chip that has to be started, and closes when frames come.
     const idle = state.chip !== null && state.chip.mode === "stop" && !state.count;

@@ -4,19 +4,21 @@ from dataclasses import dataclass, field
 
 from scripts.rtl.synthesis import FAMILIES
 
-__all__ = ["BOARDS", "FLOWS", "PARTS", "Board", "Part", "boards_of", "lacks"]
+__all__ = ["BOARDS", "FLOWS", "PARTS", "Board", "Part", "boards_of", "lacks", "lacks_bits"]
 
 
 @dataclass(frozen=True)
 class Part:
     """A part and what it has of each resource, by its data sheet.
 
-    ``family`` is that of :data:`scripts.rtl.synthesis.FAMILIES`, ``capacity`` names its resources.
+    ``family`` is that of :data:`scripts.rtl.synthesis.FAMILIES`, ``capacity`` names its resources,
+    ``bits`` is what its block memories hold.
     """
 
     name: str
     family: str
     capacity: dict
+    bits: int
 
     def share(self, resource, used):
         """Part of the device in percent; None if it has none of this."""
@@ -25,7 +27,9 @@ class Part:
 
 def _part(name, family, lut, ff, multiplier, memory, small=0):
     capacity = {"lut": lut, "ff": ff, "multiplier": multiplier, "memory": memory}
-    return Part(name, family, capacity | ({"small memory": small} if small else {}))
+    block = {"xc7": 36_864, "proasic3e": 4_608}.get(family, 18_432)
+    return Part(name, family, capacity | ({"small memory": small} if small else {}),
+                memory * block + small * 1_152)
 
 
 #: All parts by name. A tile of ProASIC3E is a table or a flip-flop.
@@ -130,6 +134,12 @@ BOARDS = {
 def boards_of(flow, part=None):
     """Boards of a flow, or those of one of its parts."""
     return [board for board in BOARDS.get(flow, ()) if part in (None, board.part)]
+
+
+def lacks_bits(part, bits):
+    """Whether ``bits`` of memory are more than the ``part`` has, in words, or None."""
+    return (f"{part.name} is too small: {bits:,} bits of memory are needed and it has "
+            f"{part.bits:,}" if bits > part.bits else None)
 
 
 def lacks(part, used):

@@ -127,8 +127,8 @@ def main(arguments):
 
     rig, conditions = RIGS[arguments.rig], _conditions(arguments)
     conditions.beam_light(rig.projector.beams, 0)
-    rig = replace(rig, spots=replace(rig.spots, split=arguments.split_spots),
-                  camera=replace(rig.camera, bayer=arguments.bayer))
+    rig = replace(rig.with_filters(arguments.bayer),
+                  spots=replace(rig.spots, split=arguments.split_spots))
     _check_room(arguments.output, capture.most_octets(rig, arguments.frames))
     errors = Console(stderr=True)
     bar = Progress(TextColumn("simulating {task.description}"), BarColumn(), MofNCompleteColumn(),

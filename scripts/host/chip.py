@@ -23,7 +23,8 @@ REGISTERS = {register.name: register for register in registers()}
 
 _TIMES = {"pattern_us": "points, exposure \u00b5s", "texture_us": "picture, exposure \u00b5s",
           "period_us": "from pair to pair, \u00b5s"}
-_SENT = {"points_max": "points, at most (0: all)", "texture_enable": "picture sent (1 or 0)"}
+_SENT = {"pattern_every": "points of one pattern in", "points_max": "points, at most (0: all)",
+         "texture_enable": "picture sent (1 or 0)"}
 #: Registers to be adjusted while frames are looked at, by presets, and what they are in words.
 ADJUSTABLE = {
     "capsule": {**_TIMES, "lit_gain": "level of spots (sixteenths)",

@@ -55,7 +55,7 @@ class LiveChip(PortOwner):
     state : :class:`dict` or None
         What the chip said of itself last: ``mode``, ``laser`` in words, ``armed``, ``tripped``
         causes in words, ``faults`` as sentences, ``as_images`` if patterns are sent as such,
-        ``registers`` of :data:`scripts.host.chip.ADJUSTABLE` by name.
+        ``registers`` of :data:`scripts.host.chip.ADJUSTABLE` by name, None until they are read.
     doing : :class:`str` or None
         What is being done to the chip.
     """
@@ -65,8 +65,9 @@ class LiveChip(PortOwner):
         self.reception, self.history = reception, history
         self._calibration, self._changed = calibration, changed
         self._jobs, self._ended = queue.Queue(), threading.Event()
-        self._names = tuple(ADJUSTABLE["paper" if calibration.settings.remap else "capsule"])
-        self._checked, self._registers, self._accepted = False, None, 0
+        self._names = ("pattern_as_texture",
+                       *ADJUSTABLE["paper" if calibration.settings.remap else "capsule"])
+        self._checked, self._registers, self._accepted = False, {}, 0
         self.trouble = self.state = self.doing = None
         self.recording = True
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -132,7 +133,7 @@ class LiveChip(PortOwner):
     def _lose(self, error):
         """The port is gone, or could not be opened yet."""
         self.trouble = f"{str(error).rstrip('.')}: nothing comes until it is back."
-        self.state, self._checked, self._registers = None, False, None
+        self.state, self._checked, self._registers = None, False, {}
         self.close()
         self._changed()
         self._ended.wait(_AGAIN)
@@ -145,31 +146,37 @@ class LiveChip(PortOwner):
                 check_chip(commands.identify(), self._calibration)
                 self._checked = True
             status = commands.status()
-            # They change by what is written here, and when the chip is reset.
-            if self._registers is None or status["accepted"] < self._accepted:
-                self._registers = {name: commands.read(name)
-                                   for name in (*self._names, "pattern_as_texture")}
+            if status["accepted"] < self._accepted:
+                self._registers = {}  # the chip was reset
             self._accepted = status["accepted"]
+            self._tell(status)
+            for name in self._names:
+                if name not in self._registers:
+                    self._registers[name] = commands.read(name)
+            self._tell(status)
         except VanishedError:
             raise
         except UserError as error:
             # While frames come a lost answer means nothing, but for another calibration's chip.
             if self.recording and (not self._checked or self.history.count == frames):
                 self.state, self.trouble = None, str(error)
-        else:
-            state, registers = status["state"], dict(self._registers)
-            as_images = registers.pop("pattern_as_texture") and state.mode == Mode.PATTERN
-            self.state = {
-                "mode": state.mode.name.lower(), "laser": laser(status), "armed": state.armed,
-                "tables": state.tables_valid, "causes": causes(status),
-                "faults": find_faults(status), "registers": registers,
-                "as_images": bool(as_images)}
-            if self.recording:
-                self.trouble = None
         self._changed()
 
+    def _tell(self, status):
+        """Make the state of what the chip said; registers are those before until all are read."""
+        state, read = status["state"], self._registers
+        if len(read) < len(self._names):
+            read = (self.state or {}).get("registers")
+        self.state = {
+            "mode": state.mode.name.lower(), "laser": laser(status), "armed": state.armed,
+            "tables": state.tables_valid, "causes": causes(status), "faults": find_faults(status),
+            "registers": read and dict(read),
+            "as_images": state.mode == Mode.PATTERN and bool(read and read["pattern_as_texture"])}
+        if self.recording:
+            self.trouble = None
+
     def _work(self, future, action, registers):
-        self.doing, self._registers = action, None
+        self.doing, self._registers = action, {}
         self._changed()
         try:
             words = self._carry_out(action, registers)

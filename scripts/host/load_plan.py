@@ -61,7 +61,7 @@ class LoadPlan:
     before: dict = field(default_factory=dict)  # the status
 
     def check(self, commands):
-        """Refuse what the chip cannot take, before anything is changed, and fit the plan to the line.
+        """Refuse what the chip cannot take, before anything is changed; fit the plan to the line.
 
         Returns
         -------

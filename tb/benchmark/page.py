@@ -106,7 +106,7 @@ def measure(side, seconds):
         before, first = memory(), len(feed.times)
         page.evaluate("drawn.length = 0")
         time.sleep(seconds)
-        drawn, offered, after = page.evaluate("drawn"), len(feed.times) - first, memory()
+        after, offered, drawn = memory(), len(feed.times) - first, page.evaluate("drawn")
     delay = np.array([drawn_at - 1000 * feed.times[position] for position, drawn_at in drawn])
     return Pace(feed.points, offered / seconds, len(drawn) / seconds, float(np.median(delay)),
                 float(np.quantile(delay, 0.95)), (before[0], after[0]), (before[1], after[1]))

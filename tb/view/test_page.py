@@ -306,7 +306,8 @@ def test_live_from_an_empty_chip_to_a_recording(browser, tmp_path):
                 (each) => [each.name, each.value]))"""
             assert page.evaluate(values) == {
                 "pattern_us": "500", "texture_us": "10000", "period_us": "40000", "lit_gain": "18",
-                "core_gain": "24", "dent_gain": "4", "points_max": "72", "texture_enable": "1"}
+                "core_gain": "24", "dent_gain": "4", "pattern_every": "1", "points_max": "72",
+                "texture_enable": "1"}
             pattern, button = page.locator("#register-pattern_us"), "#registers button"
             pattern.fill("300")
             page.locator("#register-points_max").fill("12")

@@ -33,7 +33,8 @@ export class Stage {
   constructor(canvas, labels) {
     this.canvas = canvas;
     this.labels = labels;
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !software() });
+    const context = canvas.getContext("webgl2", { alpha: false, antialias: !software() });
+    this.renderer = new THREE.WebGLRenderer({ canvas, context });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.scene = new THREE.Scene();
     this.world = new THREE.Group();

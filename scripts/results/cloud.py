@@ -48,9 +48,9 @@ def colours_at(points, picture, came):
         return np.full((len(points), 3), UNKNOWN, np.uint8)
     row = np.clip(np.rint(points["v"]).astype(int), 0, height - 1)
     column = np.clip(np.rint(points["u"]).astype(int), 0, width - 1)
-    colours = picture[row, column].reshape(len(points), -1)
-    return np.where(came[row, column][:, None], colours, UNKNOWN).astype(np.uint8) + np.zeros(
-        3, np.uint8)
+    colours = picture.reshape(height, width, -1)[row, column]
+    colours = np.where(came[row, column][:, None], colours, UNKNOWN)
+    return np.broadcast_to(colours, (len(points), 3)).astype(np.uint8)
 
 
 def surface_triangles(points, columns):

@@ -48,9 +48,12 @@ prove: tools ## prove the laser guard, the streams and the queues, and print the
 crossings: setup ## list every path between clock domains, from the netlist
 	$(BIN)/python -m scripts.rtl.crossings
 
-synth-export: setup ## write Verilog, VHDL, tables and vendor projects to build/export
+synth-export: setup ## write the design for other tools to build/export; FLOW=, PRESET=, SIZE=
 	rm -rf build/export
-	$(BIN)/cyclope export build/export
+	$(BIN)/cyclope export build/export $(foreach flow,$(FLOW),--flow $(flow)) \
+	    $(if $(PART),--part $(PART)) $(if $(PRESET),--preset $(PRESET)) \
+	    $(if $(SIZE),--size $(SIZE)) $(if $(BEAMS),--beams $(BEAMS)) \
+	    $(if $(LANES),--lanes $(LANES)) $(if $(CALIBRATION),--calibration $(CALIBRATION))
 
 clean: ## remove what was built; .venv stays
 	@[ ! -x $(BIN)/python ] || rm -rf "$$($(BIN)/python -m scripts.paths)"

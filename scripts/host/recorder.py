@@ -134,7 +134,7 @@ class Recorder:
                 del self._lit[min(self._lit)]
             self._add_early()
             self._row(event, "texture", [str(event.skipped) if name == "skipped" else ""
-                                         for name in _COUNTED], "", "", [""] * 5)
+                                         for name in _COUNTED], "", "", [""] * 6)
         elif isinstance(event, TexturePiece):
             self._early.append(event)
             if event.index in self._lit or len(self._early) > _REMEMBERED:

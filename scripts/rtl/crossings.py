@@ -24,7 +24,7 @@ from scripts.rtl.blocks import find
 from scripts.rtl.netlist import Graph, netlist
 from scripts.rtl.waivers import WAIVERS
 
-__all__ = ["TOPS", "Crossing", "Top", "crossings", "explain", "report"]
+__all__ = ["TOPS", "Crossing", "Top", "crossings", "crossings_of", "explain", "report"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,8 @@ class Crossing:
     """A path: names and clocks of both ends, and what is between them.
 
     ``direct`` says that there is no logic between, ``lone`` that the destination is a flip-flop
-    whose output drives only flip-flops of its own clock, without logic between.
+    whose output drives only flip-flops of its own clock, without logic between. The nets are all
+    names that the ends have in the netlist.
     """
 
     source: str
@@ -42,6 +43,8 @@ class Crossing:
     direct: bool
     lone: bool
     bits: int = 1
+    source_nets: frozenset = field(default=frozenset(), compare=False, repr=False)
+    destination_nets: frozenset = field(default=frozenset(), compare=False, repr=False)
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,11 @@ def crossings(module, in_step=None, pins=None):
     ``in_step`` and ``pins`` are those of :class:`Top`.
     """
     graph = Graph(module, in_step or {})
+    return crossings_of(graph, pins)
+
+
+def crossings_of(graph, pins=None):
+    """All paths between clocks in a :class:`.netlist.Graph`; ``pins`` are those of :class:`Top`."""
     known = {clock: {} for _, clock, _, _ in graph.inputs}
     found = defaultdict(set)
     forms = {}
@@ -94,7 +102,9 @@ def crossings(module, in_step=None, pins=None):
             source_clock = source_clock or "no clock"
         direct, lone = forms[source, None if source.startswith("pin ") else source_clock,
                                 label, clock]
-        result.append(Crossing(source, label, source_clock, clock, direct, lone, len(bits)))
+        result.append(Crossing(
+            source, label, source_clock, clock, direct, lone, len(bits),
+            frozenset(graph.nets.get(source, ())), frozenset(graph.nets.get(label, ()))))
     return sorted(result, key=lambda each: (each.source, each.destination))
 
 

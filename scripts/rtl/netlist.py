@@ -39,19 +39,28 @@ class Graph:
     inputs : list of (:class:`str`, :class:`str`, list, list)
         For each register and memory port its name, its clock, the bits at its inputs, and, for
         registers, those at its output.
+    nets : dict of :class:`str` to set
+        For the name of each register and memory all its names in the netlist, as they stand there.
+    outputs : dict of :class:`str` to list
+        The bits of each output of the design.
     """
 
     def __init__(self, module, in_step):
         self.in_step = in_step
         self.names = defaultdict(list)
+        self.nets = defaultdict(set)
+        self._all_names = defaultdict(set)
         for name, net in module["netnames"].items():
             # A submodule with the name of a signal has a number appended.
             plain = re.sub(r"\$\d+(?=\.|$)", "", name)
             if not net.get("hide_name") and "$" not in plain:
                 for bit in net["bits"]:
                     self.names[bit].append(plain)
+                    self._all_names[bit].add(name)
         self.pins = {bit: name for name, port in module["ports"].items()
                      if port["direction"] == "input" for bit in port["bits"]}
+        self.outputs = {name: port["bits"] for name, port in module["ports"].items()
+                        if port["direction"] == "output"}
         self.drivers = {}  # of logic: bit to (cell, port, index)
         self.registers = {}  # bit to (name, clock)
         self.inputs = []
@@ -81,6 +90,7 @@ class Graph:
             clock = self.clock(wires["CLK"][0])
             for bit in wires["Q"]:
                 self.registers[bit] = (label, clock)
+                self.nets[label] |= self._all_names[bit]
             inputs = [bit for port, bits in wires.items() if port not in ("CLK", "Q")
                      for bit in bits]
             self._add_inputs(label, clock, inputs, wires["Q"])
@@ -97,6 +107,7 @@ class Graph:
     def _add_memory(self, name, cell):
         wires, parameters = cell["connections"], cell["parameters"]
         memory = parameters["MEMID"].lstrip("\\")
+        self.nets[memory].add(memory)
         width = int(parameters["WIDTH"], 2)
         address_bits = int(parameters["ABITS"], 2)
         writers = set()  # clocks

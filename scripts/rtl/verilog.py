@@ -46,6 +46,8 @@ def verilog(component, name):
     text = re.sub(r"^(module |  )\\(\S+) ", lambda match: match[1] + (
         legal[match[2]] + " " if match[2] in legal else f"\\{match[2]} "), text, flags=re.MULTILINE)
 
+    text = _without_dollars(text)
+
     def header(match):
         listed = [port.strip() for port in match[2].split(",")]
         listed.sort(key=lambda port: (order.get(port, -1) if match[1] == name else 0, port))
@@ -53,6 +55,17 @@ def verilog(component, name):
         return f"module {match[1]}({', '.join(spelt)});"
 
     return re.sub(r"^module (\w+) ?\(([^;]*)\);$", header, text, flags=re.MULTILINE)
+
+
+def _without_dollars(text):
+    """``text`` with ``name_1`` for each ``\\name$1``, unless that is another name."""
+    taken = set(re.findall(r"\w+", text))
+
+    def plain(match):
+        name = match[1].replace("$", "_")
+        return match[0] if name in taken else name
+
+    return re.sub(r"\\([A-Za-z_]\w*(?:\$\d+)+)(?=\s)", plain, text)
 
 
 def modules(text):

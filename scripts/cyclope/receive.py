@@ -1,7 +1,6 @@
 """``cyclope receive``: from the serial line, or a recording of it, to points and images."""
 
 import signal
-import stat
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -9,6 +8,7 @@ from pathlib import Path
 from hdl.protocol import Mode
 from model.errors import UserError
 from scripts.cyclope.program import pasteable
+from scripts.cyclope.recording import is_recording
 from scripts.host.port import VanishedError, add_port_arguments, open_port
 
 __all__ = ["add_arguments", "main"]
@@ -61,18 +61,11 @@ class _Over(Exception):  # noqa: N818
 
 def _open(arguments, take):
     """The recording, or the owner of the port, which gives ``take`` what comes."""
-    path = Path(arguments.source)
-    try:
-        mode = path.stat().st_mode if "://" not in arguments.source else None
-    except (OSError, ValueError):
-        mode = None
-    if mode is not None and stat.S_ISREG(mode):
+    if is_recording(arguments.source):
         from scripts.host.replay import Replay
         if arguments.single:
-            raise UserError(f"--single is for a chip, and {path} is a recording.")
-        return Replay(path)
-    if mode is not None and stat.S_ISDIR(mode):
-        raise UserError(f"{path} is a folder: name a serial device or a recording.")
+            raise UserError(f"--single is for a chip, and {arguments.source} is a recording.")
+        return Replay(Path(arguments.source))
     from scripts.host.owner import PortOwner
     return PortOwner(
         lambda: open_port(arguments.source, arguments.baud, arguments.rtscts), take)

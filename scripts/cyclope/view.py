@@ -4,13 +4,13 @@ import asyncio
 import contextlib
 import os
 import signal
-import stat
 import sys
 import time
 from pathlib import Path
 
 from model.errors import UserError
 from scripts.cyclope.extras import require
+from scripts.cyclope.recording import is_recording
 from scripts.host.port import add_port_arguments, open_port
 
 __all__ = ["add_arguments", "main"]
@@ -46,16 +46,6 @@ def add_arguments(parser):
     parser.add_argument("--no-browser", dest="browser", action="store_false",
                         help="print the page's address, and open no browser")
     add_port_arguments(parser)
-
-
-def _is_recording(source):
-    try:
-        mode = Path(source).stat().st_mode if "://" not in source else None
-    except (OSError, ValueError):
-        return False
-    if mode is not None and stat.S_ISDIR(mode):
-        raise UserError(f"{source} is a folder: name a serial device or a recording.")
-    return mode is not None and stat.S_ISREG(mode)
 
 
 def _check(arguments):
@@ -116,12 +106,14 @@ def _simulated(arguments, folder):
                         f"{', '.join(KINDS)}.")
     rig = RIGS[arguments.rig]
     if arguments.calibration is None:
+        rig = rig.with_filters("RGGB")
         print(f"Calibrating the simulated rig '{rig.name}', which takes some seconds the first "
               "time.", flush=True)
         calibration = calibrated(rig)
     else:
         from calibration import file
         calibration = file.load(arguments.calibration)
+        rig = rig.with_filters(calibration.bayer)
     print("Preparing the scenes." if arguments.engine == "model" else
           "Preparing the scenes and the RTL, which takes a minute or two the first time.",
           flush=True)
@@ -138,7 +130,7 @@ def _session(arguments):
         with _simulated(arguments, _folder(arguments)) as session:
             yield session
         return
-    recording = _is_recording(arguments.source)
+    recording = is_recording(arguments.source)
     if recording and (arguments.start or arguments.output):
         raise UserError(f"{arguments.source} is a recording: --start and -o are for a port.")
     folder = None if recording else _folder(arguments)

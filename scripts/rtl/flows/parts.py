@@ -89,6 +89,13 @@ _ARTY = {
     "cts": "D13", "frame_valid": "D4", "line_valid": "D3", "pixel_clk": "F4",
     "data": "E15 E16 D15 C15 J17 J18 K15 J15".split(),
 }
+#: Header J1: gn0 takes the imager's clock, the others follow in their order.
+_ULX3S = {
+    "clock_in": "G2", "reset_in": "R1", "rx": "M1", "tx": "L4", "busy": "B2", "pixel_clk": "C11",
+    "frame_valid": "A10", "line_valid": "A11", "data": "A9 B10 B9 C10 A7 A8 C8 B8".split(),
+    "laser": "C6", "sensor_reset": "C7", "sensor_integrate": "A6", "sensor_read": "B6",
+    "cts": "A4",
+}
 _CREATIVE = {"clock_in": "H16", "reset_in": "H12", "tx": "G3", "rx": "H3"}
 #: System clocks of each flow, hertz: what its boards make of their oscillators.
 FLOWS = {
@@ -125,8 +132,7 @@ BOARDS = {
     "lattice-ecp5": tuple(
         Board(f"ulx3s_{size}", f"Radiona ULX3S with LFE5U-{size}F", f"LFE5U-{size}F",
               {"option": f"--{size}k", "package": "CABGA381", "speed": 6}, 25_000_000, "pll",
-              pins={"clock_in": "G2", "reset_in": "R1", "rx": "M1", "tx": "L4", "busy": "B2",
-                    "pixel_clk": "C11"})
+              pins=_ULX3S)
         for size in (25, 45, 85)),
 }
 

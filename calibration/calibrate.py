@@ -260,4 +260,5 @@ def calibrate(capture, options, progress=None):
     planes = [plane_spots(name, z_mm, image, settings, lens)
               for name, z_mm, image in counted("plane frames", capture.plane_images())]
     options = replace(options, dead=options.dead | capture.dead)
-    return calibrate_beams(planes, capture.projector, lens, lens_report, options, settings)
+    result = calibrate_beams(planes, capture.projector, lens, lens_report, options, settings)
+    return replace(result, calibration=replace(result.calibration, bayer=capture.bayer))

@@ -14,6 +14,7 @@ from calibration.files import list_names, read_octets, unused_files
 from calibration.image import LARGEST, SUFFIXES, image_size, read_image
 from calibration.projector import Projector
 from hdl.protocol import MOST_BEAMS
+from model.bayer import BAYER
 from model.errors import UserError
 
 __all__ = ["Capture", "read_capture", "read_image", "read_nominal"]
@@ -22,7 +23,7 @@ __all__ = ["Capture", "read_capture", "read_image", "read_nominal"]
 MOST_MM, MOST_PX = 100_000, 100_000
 #: Octets of a capture.toml; it needs a few hundred.
 _MOST_TOML = 1 << 14
-_OPTIONAL = {"projector": ("dead",)}
+_OPTIONAL = {"projector": ("dead",), "sensor": ("bayer",)}
 _KEYS = {
     "sensor": ("width", "height", "focal_px"),
     "projector": ("rows", "columns", "pitch_deg", "rotation_deg", "toe_in_deg", "base_mm"),
@@ -55,6 +56,8 @@ class Capture:
         What is there and not used.
     dead : frozenset of :class:`int`
         Beams that are known to be dead.
+    bayer : :class:`str` or None
+        Pattern of the sensor's colour filters, one of :data:`model.bayer.BAYER`.
     """
 
     folder: Path
@@ -69,6 +72,7 @@ class Capture:
     planes: tuple
     notes: tuple = ()
     dead: frozenset = frozenset()
+    bayer: str | None = None
 
     def check_sizes(self):
         """Refuse a wrong size in capture.toml, and photographs of another sensor than the planes'.
@@ -142,6 +146,13 @@ class _Table:
         if not good or value[0] == 0:
             self._refuse(key, f"three numbers [x, y, z] of up to {MOST_MM} mm, x other than 0")
         return tuple(float(part) for part in value)
+
+    def choice(self, key, choices):
+        """One of some texts; None if the key is missing."""
+        value = self._values.get(key)
+        if key in self._values and (not isinstance(value, str) or value not in choices):
+            self._refuse(key, f"one of {', '.join(choices)}, or left out")
+        return value
 
     def beams(self, key, mesh):
         """Numbers of beams by rows and columns; none if the key is missing."""
@@ -255,6 +266,7 @@ def read_capture(folder) -> Capture:
     folder, content = _read_nominal(folder)
     path = folder / "capture.toml"
     sensor = _sensor(path, content)
+    bayer = _Table(path, content, "sensor").choice("bayer", BAYER)
     mesh, board = _Table(path, content, "projector"), _Table(path, content, "lens")
     projector = _projector(path, mesh)
     lens = folder / "lens"
@@ -277,4 +289,4 @@ def read_capture(folder) -> Capture:
         board_rows=board.integer("board_rows", 3, 100),
         square_mm=board.number("square_mm", 0, MOST_MM, f"a number of mm, up to {MOST_MM}"),
         lens_paths=tuple(photographs), planes=planes, notes=tuple(notes),
-        dead=mesh.beams("dead", projector))
+        dead=mesh.beams("dead", projector), bayer=bayer)

@@ -9,6 +9,7 @@ from calibration.projector import Projector
 from calibration.radial import MODELS
 from calibration.remap import remap_table
 from hdl.protocol import MEAN_WINDOW_PIXELS, MOST_BEAMS, TABLES, registers
+from model.bayer import BAYER
 from model.preprocessing.remap import pack_remap
 from model.settings import EROSION_MODES, Settings
 
@@ -24,8 +25,16 @@ def _names(kind):
     return [each.name for each in fields(kind)]
 
 
+def _sensor(content):
+    """Its section, and the pattern of its colour filters, which a file may lack."""
+    names = ("width", "height")
+    if isinstance(content, dict) and "bayer" in content:
+        section = Section("sensor", content, (*names, "bayer"))
+        return section, section.choice("bayer", BAYER)
+    return Section("sensor", content, names), None
+
+
 def _lens(sensor, content):
-    sensor = Section("sensor", sensor, ("width", "height"))
     width, height = sensor.integer("width", 8, LARGEST), sensor.integer("height", 8, LARGEST)
     section = Section("lens", content, _names(Lens)[2:])
     usable = section.value("usable_px")
@@ -130,7 +139,8 @@ def checked_content(content, beam_names):
     section = Section("the file", content, (
         "format", "version", "sensor", "units", "lens", "projector", "depth_range",
         "inverse_z_unit", "budget", "remarks", "beams", "settings", "crc32"))
-    lens = _lens(section.value("sensor"), section.value("lens"))
+    sensor, bayer = _sensor(section.value("sensor"))
+    lens = _lens(sensor, section.value("lens"))
     projector = _projector(section.value("projector"))
     z_min, z_max = section.numbers("depth_range", 2, 0, _MOST_LENGTH)
     if not 0 < z_min < z_max:
@@ -143,7 +153,7 @@ def checked_content(content, beam_names):
         section.refuse("beams", "a list with at least one beam")
     budget = section.value("budget")
     return {
-        "lens": lens, "projector": projector,
+        "lens": lens, "bayer": bayer, "projector": projector,
         "beams": beams, "remarks": _remarks(section.value("remarks"), len(beams)),
         "settings": _settings(section.value("settings"), projector.beams, lens),
         "inverse_z_unit": section.number("inverse_z_unit", 1e-15, 1),

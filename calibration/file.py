@@ -79,6 +79,8 @@ class Calibration:
         What was measured: RMS of lens and lines, rounding errors.
     remarks : :class:`dict`
         From numbers of beams to texts: why one was left out, or what is unusual about it.
+    bayer : :class:`str` or None
+        Pattern of the sensor's colour filters, one of :data:`model.bayer.BAYER`.
     """
 
     lens: Lens
@@ -90,6 +92,7 @@ class Calibration:
     z_max: float
     budget: dict = field(repr=False)
     remarks: dict = field(default_factory=dict)
+    bayer: str | None = None
 
     @property
     def left_out(self):
@@ -139,6 +142,8 @@ def encode(calibration):
     """The file's bytes."""
     lens = asdict(calibration.lens)
     sensor = {"width": lens.pop("width"), "height": lens.pop("height")}
+    if calibration.bayer:
+        sensor["bayer"] = calibration.bayer
     content = _plain({
         "format": FORMAT, "version": VERSION, "sensor": sensor, "units": _UNITS, "lens": lens,
         "projector": asdict(calibration.projector),

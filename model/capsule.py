@@ -25,8 +25,8 @@ class Capsule:
     """Frames in their order, each to what the chip would send of it.
 
     The only state between frames is the noise, learnt on the frame before, the number of its ok
-    points, and the frame's number. Queues never overflow: if the chip's buffer is full and it drops spots, its points are a
-    part of these.
+    points, and the frame's number. Queues never overflow: if the chip's buffer is full and it drops
+    spots, its points are a part of these.
 
     Parameters
     ----------

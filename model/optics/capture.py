@@ -42,6 +42,7 @@ def toml(rig: rigs.Rig, nominal: rigs.Nominal) -> str:
         f"# Simulated rig '{rig.name}': nominal values, not quite its true ones.\n"
         "[sensor]\n"
         f"width = {camera.width}\nheight = {camera.height}\nfocal_px = {nominal.focal_px}\n"
+        + (f'bayer = "{camera.bayer}"\n' if camera.bayer else "") +
         "\n[projector]\n"
         f"rows = {projector.rows}\ncolumns = {projector.columns}\n"
         f"pitch_deg = {nominal.pitch_deg}\nrotation_deg = {nominal.rotation_deg}\n"

@@ -3,11 +3,24 @@
 import cv2
 import numpy as np
 
+from model.bayer import channels
+
 from .conditions import PLAIN, Conditions
 from .effects import hot_levels
 from .rigs import Rig
 
-__all__ = ["background", "expose", "vignette"]
+__all__ = ["background", "expose", "infrared_response", "vignette"]
+
+#: Response of red, green and blue pixels to the laser's near infrared, which all filters pass.
+_INFRARED = (1.05, 1.0, 0.95)
+
+
+def infrared_response(camera) -> np.ndarray | float:
+    """Factor on the light of each pixel of a pattern frame, (height, width); 1 without filters."""
+    if camera.bayer is None:
+        return 1.0
+    return np.array(_INFRARED)[channels(camera.bayer, camera.height, camera.width)]
+
 
 def background(rig: Rig, rng: np.random.Generator) -> np.ndarray:
     """The image of the tissue without laser: levels, float64."""

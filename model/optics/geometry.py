@@ -14,7 +14,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Camera:
-    """Pinhole camera with square pixels and Brown distortion (OpenCV's k1 k2 p1 p2, k3 = 0)."""
+    """Pinhole camera with square pixels and Brown distortion (OpenCV's k1 k2 p1 p2, k3 = 0).
+
+    ``bayer`` is the pattern of its colour filters, one of :data:`model.bayer.BAYER`, or None.
+    """
 
     width: int
     height: int
@@ -24,6 +27,7 @@ class Camera:
     k2: float = 0.0
     p1: float = 0.0
     p2: float = 0.0
+    bayer: str | None = None
 
     @property
     def centre_px(self) -> tuple[float, float]:

@@ -12,6 +12,7 @@ import numpy as np
 from . import render
 from .conditions import PLAIN, Conditions
 from .effects import hide, pattern_light
+from .exposure import infrared_response
 from .rigs import Noise
 
 __all__ = ["PATTERN_US", "TEXTURE_US", "Charge", "Imager", "Light", "light"]
@@ -47,7 +48,8 @@ def light(
     visible = render.texture_levels(rig, scene, rng) / TEXTURE_US
     if not conditions.plain:
         hide(truth, laser, DARK + visible * PATTERN_US, ambient)
-    return Light(visible, (laser + ambient) / PATTERN_US), truth
+    infrared = (laser + ambient) * infrared_response(rig.camera)
+    return Light(visible, infrared / PATTERN_US), truth
 
 
 class Charge:

@@ -5,14 +5,20 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from model.bayer import channels
+
 from . import scenes
 from .conditions import PLAIN, Conditions
 from .effects import hide, pattern_light
-from .exposure import background, expose, vignette
+from .exposure import background, expose, infrared_response, vignette
 from .rigs import Rig
 from .spots import pattern_levels
 
 __all__ = ["pattern_frame", "surface", "texture_frame", "texture_levels"]
+
+#: Red, green and blue of tissue: its colour, blotches, and what vessels take away.
+_COLOUR, _BLOTCHES, _VESSELS = (1.15, 0.62, 0.5), (0.15, 0.3, 0.3), (0.2, 0.55, 0.5)
+
 
 def pattern_frame(
     rig: Rig, scene, rng: np.random.Generator, conditions: Conditions = PLAIN, number: int = 0
@@ -34,11 +40,13 @@ def pattern_frame(
     """
     if conditions.plain:
         levels, truth = pattern_levels(rig, scene)
-        return expose(rig, levels + background(rig, rng), rng), truth
+        levels = (levels + background(rig, rng)) * infrared_response(rig.camera)
+        return expose(rig, levels, rng), truth
     laser, ambient, truth = pattern_light(rig, scene, conditions, number)
     plain = background(rig, rng)
     hide(truth, laser, plain, ambient, 255 / max(conditions.gain, 1))
-    return expose(rig, laser + plain + ambient, rng, conditions), truth
+    levels = (laser + plain + ambient) * infrared_response(rig.camera)
+    return expose(rig, levels, rng, conditions), truth
 
 
 def surface(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +79,7 @@ def surface(rig: Rig, scene) -> tuple[np.ndarray, np.ndarray]:
 def texture_levels(rig: Rig, scene, rng: np.random.Generator) -> np.ndarray:
     """The image without laser, with a long exposure and light from beside the camera.
 
-    In levels (float64), without noise.
+    In levels (float64), without noise; with colour filters each pixel sees its colour only.
     """
     camera = rig.camera
     points, directions = surface(rig, scene)
@@ -85,11 +93,20 @@ def texture_levels(rig: Rig, scene, rng: np.random.Generator) -> np.ndarray:
     ripple = np.sin(points @ waves.T + phase)
     blotches = ripple.mean(axis=-1)
     vessels = np.exp(-((ripple[..., 0] + ripple[..., 2] + 0.6 * ripple[..., 4]) / 0.12) ** 2)
-    bright = (0.15 + 0.85 * cosine) / square * (1 + 0.25 * blotches) * (1 - 0.35 * vessels)
-    bright = np.where(known, bright, 0)
-    bright *= 150 / max(np.quantile(bright, 0.9), 1e-9)
-    bright = cv2.resize(bright, (2 * bright.shape[1], 2 * bright.shape[0]),
-                        interpolation=cv2.INTER_LINEAR)[:camera.height, :camera.width]
+
+    def reflected(blotch, vessel):
+        bright = (0.15 + 0.85 * cosine) / square * (1 + blotch * blotches) * (1 - vessel * vessels)
+        bright = np.where(known, bright, 0)
+        bright *= 150 / max(np.quantile(bright, 0.9), 1e-9)
+        return cv2.resize(bright, (2 * bright.shape[1], 2 * bright.shape[0]),
+                          interpolation=cv2.INTER_LINEAR)[:camera.height, :camera.width]
+
+    if camera.bayer is None:
+        bright = reflected(0.25, 0.35)
+    else:
+        colours = [share * reflected(blotch, vessel) for share, blotch, vessel in zip(
+            _COLOUR, _BLOTCHES, _VESSELS, strict=True)]
+        bright = np.choose(channels(camera.bayer, camera.height, camera.width), colours)
     # Long exposures saturate softly, as with an imager's knee.
     return 250 * (1 - np.exp(-bright / 170)) * vignette(rig)
 

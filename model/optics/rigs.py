@@ -98,6 +98,10 @@ class Rig:
         points = np.concatenate([self.projector.points_at(z) for z in self.range_mm])
         return float((np.hypot(points[:, 0], points[:, 1]) / points[:, 2]).max())
 
+    def with_filters(self, bayer: str | None) -> "Rig":
+        """The same rig, its sensor with colour filters, one of :data:`model.bayer.BAYER`."""
+        return replace(self, camera=replace(self.camera, bayer=bayer))
+
     def calibration_planes(self, count: int = 12) -> np.ndarray:
         """Distances of the flat target, even in 1 / z, a little beyond the range at both ends."""
         low, high = self.range_mm

@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from model.bayer import BAYER
 from model.errors import UserError
 from scripts.cyclope.extras import require
 
@@ -22,6 +23,8 @@ def add_arguments(parser):
     parser.add_argument("output", type=Path, metavar="TRUTH",
                         help="truth.csv to create; it must not be there yet")
     parser.add_argument("--rig", choices=RIGS, default="endoscope", help="default: endoscope")
+    parser.add_argument("--bayer", choices=BAYER,
+                        help="pattern of the sensor's colour filters; default: none")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of everything random")
     parser.add_argument("--scenes", type=int, default=12, metavar="N",
                         help="scenes, shown in turn, one for each pair; default: 12")
@@ -61,7 +64,8 @@ def main(arguments):
     try:
         print(f"Preparing {arguments.scenes} scenes and the RTL, which takes a minute or two "
               "the first time.", flush=True)
-        emulator = Emulator(arguments.kind, RIGS[arguments.rig], arguments.seed,
+        rig = RIGS[arguments.rig].with_filters(arguments.bayer)
+        emulator = Emulator(arguments.kind, rig, arguments.seed,
                             arguments.scenes, arguments.baud, record=record, keep=False)
         terminal = Terminal(emulator)
     except BaseException:

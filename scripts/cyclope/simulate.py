@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+from model.bayer import BAYER
 from model.errors import UserError
 from scripts.cyclope.extras import require
 
@@ -40,6 +41,9 @@ def add_arguments(parser):
     parser.add_argument("output", type=Path, metavar="OUT",
                         help="folder to create; it must not hold anything yet")
     parser.add_argument("--rig", choices=RIGS, default="endoscope", help="default: endoscope")
+    parser.add_argument("--bayer", choices=BAYER,
+                        help="pattern of the sensor's colour filters: textures in colour, and "
+                             "a response to the laser that differs by 5 %% between colours")
     parser.add_argument("--seed", type=int, default=0, metavar="N",
                         help="seed of all random numbers, 0 or more; default: 0")
     parser.add_argument("--frames", type=int, default=10, metavar="N",
@@ -123,7 +127,8 @@ def main(arguments):
 
     rig, conditions = RIGS[arguments.rig], _conditions(arguments)
     conditions.beam_light(rig.projector.beams, 0)
-    rig = replace(rig, spots=replace(rig.spots, split=arguments.split_spots))
+    rig = replace(rig.with_filters(arguments.bayer),
+                  spots=replace(rig.spots, split=arguments.split_spots))
     _check_room(arguments.output, capture.most_octets(rig, arguments.frames))
     errors = Console(stderr=True)
     bar = Progress(TextColumn("simulating {task.description}"), BarColumn(), MofNCompleteColumn(),

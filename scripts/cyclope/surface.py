@@ -51,9 +51,9 @@ def main(arguments):
             surface = Surface(moment.points, history.calibration)
             if not len(surface.points):
                 continue
-            grey, when = history.texture(position)
+            picture, when = history.picture(position)
             (folder / f"frame-{index:04}.{arguments.format}").write_bytes(
-                write(surface, grey, np.isfinite(when), moment.seconds))
+                write(surface, picture, np.isfinite(when), moment.seconds))
             count += 1
         if not count:
             raise UserError(f"{arguments.recording} has no ok point in these frames, so there is "

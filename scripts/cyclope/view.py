@@ -106,12 +106,14 @@ def _simulated(arguments, folder):
                         f"{', '.join(KINDS)}.")
     rig = RIGS[arguments.rig]
     if arguments.calibration is None:
+        rig = rig.with_filters("RGGB")
         print(f"Calibrating the simulated rig '{rig.name}', which takes some seconds the first "
               "time.", flush=True)
         calibration = calibrated(rig)
     else:
         from calibration import file
         calibration = file.load(arguments.calibration)
+        rig = rig.with_filters(calibration.bayer)
     print("Preparing the scenes." if arguments.engine == "model" else
           "Preparing the scenes and the RTL, which takes a minute or two the first time.",
           flush=True)

@@ -18,6 +18,7 @@ from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
 from scripts.host.rebuild import Rebuilder
 from scripts.host.replay import Replay
 from scripts.host.spool import Spool
+from scripts.results.colour import colour_picture
 from scripts.results.drift import Drift
 
 __all__ = ["History", "Moment", "read_history"]
@@ -197,6 +198,11 @@ class History:
             for piece, seconds in pickle.load(file):
                 state.add(piece, seconds)
         return state.grey, state.when
+
+    def picture(self, position):
+        """As :meth:`texture`, in colour (height, width, 3) if the sensor has colour filters."""
+        image, when = self.texture(position)
+        return colour_picture(image, np.isfinite(when), self.calibration.bayer), when
 
     def _add(self, frame, points, lost, drift):
         # The frame's own points are in the rows: no need to keep them twice.

@@ -13,6 +13,7 @@ from scripts.host.frame_locator import NAMES, FrameLocator
 from scripts.host.image_assembly import ImageAssembly
 from scripts.host.messages import Frame, Reply, TextureFrame, TexturePiece
 from scripts.results.cloud import CloudFiles
+from scripts.results.colour import colour_picture, to_file
 from scripts.results.outputs import TIMED_CSV_HEADER, csv_line, whole_file
 from scripts.results.points import DOUBTFUL, DUPLICATE, OK
 from scripts.results.row_file import RowFile
@@ -152,8 +153,7 @@ class Recorder:
         self.flush()
         for kind in sorted(self.seen):
             self._write_image(kind, self.folder / f"{kind}.png")
-        texture = self.images["texture"]
-        self._clouds.finish(texture.image, texture.came)
+        self._clouds.finish(self._texture(), self.images["texture"].came)
 
     def close(self):
         """Flush the tables, and write no more."""
@@ -197,10 +197,18 @@ class Recorder:
             self._write_image(kind, folder / f"{fragment.index:04}.png")
             self.complete[kind] += 1
 
+    def _texture(self):
+        """The newest texture, in colour if the sensor has colour filters."""
+        texture = self.images["texture"]
+        return colour_picture(texture.image, texture.came,
+                              self.calibration and self.calibration.bayer)
+
     def _write_image(self, kind, path):
         import cv2
+        # Pattern images stay as they are: a calibration wants the sensor's own pixels.
+        picture = self._texture() if kind == "texture" else self.images[kind].image
         done, data = cv2.imencode(
-            ".png", self.images[kind].image, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+            ".png", to_file(picture), [cv2.IMWRITE_PNG_COMPRESSION, 3])
         assert done
         with whole_file(path) as file:
             file.write(data.tobytes())
@@ -249,8 +257,9 @@ class Recorder:
         self.points += int(np.count_nonzero(points["status"] == OK))
         located = points[~np.isnan(points["z"])
                          & (self.doubtful | (points["status"] != DOUBTFUL))]
-        texture, columns = self.images["texture"], self.calibration and self.calibration.columns
-        self._clouds.add(located, columns, self._clock(frame), texture.image, texture.came)
+        columns = self.calibration and self.calibration.columns
+        self._clouds.add(located, columns, self._clock(frame), self._texture(),
+                         self.images["texture"].came)
 
     def _reply(self, reply):
         if reply.reason != Reason.OK:

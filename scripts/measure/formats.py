@@ -7,20 +7,21 @@ import numpy as np
 
 from scripts.results.cloud import (
     UNKNOWN,
-    grey_at,
+    colours_at,
     pcd_head,
     pcd_lines,
     ply_head,
     ply_lines,
     vertices,
 )
+from scripts.results.colour import to_file
 from scripts.results.mesh import vertex_normals
 
 __all__ = ["FORMATS", "glb", "pcd", "ply"]
 
 
 def _rows(surface, texture, came, seconds):
-    return vertices(surface.points, surface.triangle, grey_at(surface.points, texture, came),
+    return vertices(surface.points, surface.triangle, colours_at(surface.points, texture, came),
                     seconds)
 
 
@@ -31,8 +32,8 @@ def ply(surface, texture, came, seconds):
     ----------
     surface : :class:`scripts.measure.surface.Surface`
         Of a frame.
-    texture : array (height, width) of uint8
-        The picture.
+    texture : array (height, width) or (height, width, 3) of uint8
+        The picture, grey or in red, green, blue.
     came : array (height, width) of :class:`bool`
         Where there is one.
     seconds : :class:`float`
@@ -78,7 +79,7 @@ def glb(surface, texture, came, seconds):
     buffer, content = _Buffer(), {}
     if len(surface.triangle):
         points = surface.points
-        height, width = texture.shape
+        height, width = came.shape
         uv = np.stack([(points["u"] + 0.5) / width, (points["v"] + 0.5) / height], axis=-1)
         xyz = surface.xyz.astype(np.float32)
         normals = vertex_normals(surface.xyz, surface.triangle)
@@ -92,7 +93,8 @@ def glb(surface, texture, came, seconds):
             "indices": buffer.accessor(surface.triangle.astype(np.uint32).ravel(), "SCALAR",
                                        34963),
             "material": 0}
-        shown = np.where(came, texture, UNKNOWN).astype(np.uint8)
+        shown = to_file(texture.copy())
+        shown[~came] = UNKNOWN
         done, data = cv2.imencode(".png", shown, [cv2.IMWRITE_PNG_COMPRESSION, 6])
         assert done
         picture = buffer.add(data.tobytes())

@@ -10,7 +10,7 @@ from scripts.results.mesh import triangles, vertex_normals
 from scripts.results.outputs import whole_file
 from scripts.results.points import OK, STATUS
 
-__all__ = ["UNKNOWN", "VERTEX", "CloudFiles", "grey_at", "pcd_head", "pcd_lines", "ply_head",
+__all__ = ["UNKNOWN", "VERTEX", "CloudFiles", "colours_at", "pcd_head", "pcd_lines", "ply_head",
            "ply_lines", "surface_triangles", "vertices", "write_ply"]
 
 #: Grey of points whose pixel never came.
@@ -38,14 +38,19 @@ _COLOUR_COMMENT = f"colours of the image without laser at the spot, {UNKNOWN} wh
 _ROWS = 1 << 12
 
 
-def grey_at(points, image, came):
-    """Grey value of an image at each spot, :data:`UNKNOWN` where nothing ``came`` yet."""
-    height, width = image.shape
-    if not image.size:
-        return np.full(len(points), UNKNOWN, np.uint8)
+def colours_at(points, picture, came):
+    """Red, green and blue of a picture at each spot, :data:`UNKNOWN` where nothing ``came`` yet.
+
+    An array (n, 3) of uint8; ``picture`` is grey or has three colours.
+    """
+    height, width = came.shape
+    if not picture.size:
+        return np.full((len(points), 3), UNKNOWN, np.uint8)
     row = np.clip(np.rint(points["v"]).astype(int), 0, height - 1)
     column = np.clip(np.rint(points["u"]).astype(int), 0, width - 1)
-    return np.where(came[row, column], image[row, column], UNKNOWN).astype(np.uint8)
+    colours = picture.reshape(height, width, -1)[row, column]
+    colours = np.where(came[row, column][:, None], colours, UNKNOWN)
+    return np.broadcast_to(colours, (len(points), 3)).astype(np.uint8)
 
 
 def surface_triangles(points, columns):
@@ -58,7 +63,7 @@ def surface_triangles(points, columns):
     return ok[triangles(points["beam"][ok], ray, inverse, columns)]
 
 
-def vertices(points, triangle, grey, seconds=0.0):
+def vertices(points, triangle, colours, seconds=0.0):
     """Rows for a file.
 
     Parameters
@@ -67,8 +72,8 @@ def vertices(points, triangle, grey, seconds=0.0):
         Of one frame, all with coordinates.
     triangle : array (m, 3) of :class:`int`
         The surface between them, which gives the normals.
-    grey : array (n,) of uint8
-        Their colours.
+    colours : array (n, 3) of uint8
+        Their red, green and blue.
     seconds : :class:`float`
         The frame's time.
 
@@ -83,14 +88,14 @@ def vertices(points, triangle, grey, seconds=0.0):
     normals = vertex_normals(xyz, triangle) + 0.0
     for axis, name in enumerate(("nx", "ny", "nz")):
         rows[name] = normals[:, axis]
-    _paint(rows, grey)
+    _paint(rows, colours)
     rows["time"] = seconds
     return rows
 
 
-def _paint(rows, grey):
-    for name in _COLOURS:
-        rows[name] = grey
+def _paint(rows, colours):
+    for index, name in enumerate(_COLOURS):
+        rows[name] = colours[:, index]
 
 
 def ply_head(count, source, faces=None, names=VERTEX.names, colours=_COLOUR_COMMENT):
@@ -166,7 +171,8 @@ def write_ply(path, points, columns, source):
         for begin, end in pairwise(ends):
             some = located[begin:end]
             file.write(ply_lines(vertices(
-                some, surface_triangles(some, columns), some["intensity"])[names]))
+                some, surface_triangles(some, columns),
+                np.repeat(some["intensity"][:, None], 3, axis=1))[names]))
 
 
 class CloudFiles:
@@ -198,7 +204,7 @@ class CloudFiles:
         self._newest = None
         self.written = set()
 
-    def add(self, points, columns, seconds, image, came):
+    def add(self, points, columns, seconds, picture, came):
         """Add a frame.
 
         Parameters
@@ -209,18 +215,18 @@ class CloudFiles:
             Of the mesh.
         seconds : :class:`float`
             The frame's time.
-        image, came : arrays (height, width)
-            The picture, and where there is one.
+        picture, came : arrays
+            The picture, (height, width) or with three colours, and where there is one.
         """
         self._settle()
         self._newest = points, vertices(points, surface_triangles(points, columns),
-                                        grey_at(points, image, came), seconds)
+                                        colours_at(points, picture, came), seconds)
 
-    def finish(self, image, came):
+    def finish(self, picture, came):
         """Write what is to be written at the end, with the picture as it is now."""
         if self._newest is not None:
             points, rows = self._newest
-            _paint(rows, grey_at(points, image, came))
+            _paint(rows, colours_at(points, picture, came))
         self._settle()
         self._newest = None
         if self._which != "each":

@@ -39,9 +39,10 @@ def _places(image):
 def _picture(history, position, measured):
     """The picture with its spots, and what was marked in it."""
     moment = history.moment(position)
-    grey, _ = history.texture(position)
-    large = cv2.resize(grey, None, fx=_SCALE, fy=_SCALE, interpolation=cv2.INTER_LINEAR)
-    picture = cv2.cvtColor(large, cv2.COLOR_GRAY2BGR)
+    shown, _ = history.picture(position)
+    large = cv2.resize(shown, None, fx=_SCALE, fy=_SCALE, interpolation=cv2.INTER_LINEAR)
+    picture = cv2.cvtColor(
+        large, cv2.COLOR_GRAY2BGR if large.ndim == 2 else cv2.COLOR_RGB2BGR)
     for point in moment.points:
         if point["status"] < len(STATUS):
             cv2.circle(picture, _places((point["u"], point["v"])), 5,

@@ -92,18 +92,20 @@ def _fit(drift):
 
 
 def pack_texture(history, position):
-    """The texture of a frame: length of a head, the head, grey values, and the age of each.
+    """The texture of a frame: length of a head, the head, pixels, and the age of each.
 
-    The head is JSON. Ages are in steps of :data:`AGE_STEP`, 255 where nothing came.
+    The head is JSON. A pixel is a grey value, or red, green, blue: ``channels`` octets. Ages are in
+    steps of :data:`AGE_STEP`, 255 where nothing came.
     """
     moment = history.moment(position)
-    grey, when = history.texture(position)
+    picture, when = history.picture(position)
     known = np.isfinite(when)
     age = np.where(known, np.clip((moment.seconds - when) / AGE_STEP, 0, NEVER - 1), NEVER)
     ages = moment.seconds - when[known]
     head = json.dumps({
-        "type": "texture", "frame": moment.frame.index, "width": grey.shape[1],
-        "height": grey.shape[0], "part": round(float(known.mean()), 4),
+        "type": "texture", "frame": moment.frame.index, "width": when.shape[1],
+        "height": when.shape[0], "channels": picture.size // when.size,
+        "part": round(float(known.mean()), 4),
         "age": round(float(np.median(ages)), 2) if len(ages) else None}).encode()
-    return (len(head).to_bytes(4, "little") + head + grey.tobytes()
+    return (len(head).to_bytes(4, "little") + head + picture.tobytes()
             + age.astype(np.uint8).tobytes())

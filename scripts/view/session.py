@@ -87,10 +87,10 @@ class Session:
             raise UserError("Name a frame: /frame.ply?frame=N.")
         position = self.history.position(int(number))
         moment = self.history.moment(position)
-        grey, when = self.history.texture(position)
+        picture, when = self.history.picture(position)
         write, media = FORMATS[kind]
         surface = Surface(moment.points, self.history.calibration)
-        return (write(surface, grey, np.isfinite(when), moment.seconds), media,
+        return (write(surface, picture, np.isfinite(when), moment.seconds), media,
                 f"frame-{int(number):04}.{kind}")
 
 

@@ -26,6 +26,7 @@ class Case:
     split: bool = False
     preset: str = "capsule"
     conditions: Conditions = Conditions()
+    bayer: str | None = None
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,7 @@ CONDITIONS = {
         "12-look speckle": Conditions(speckle=12), "full speckle": Conditions(speckle=1),
         "15 % dim": Conditions(dim=0.15), "3 dead beams": Conditions(dead=3),
         "3 overbright beams": Conditions(overbright=3)}.items()},
+    "colour filters": Case("endoscope", _PLANES, bayer="RGGB"),
     "tissue": Case("endoscope", _FOLDS, conditions=TISSUE),
     "tissue, planes only": Case("endoscope", _PLANES, conditions=TISSUE),
 }
@@ -135,7 +137,7 @@ def measure(case, seeds, step=None):
     from scripts.results.locator import Locator
     from scripts.simulation.engine import open_engine
 
-    rig = RIGS[case.rig]
+    rig = RIGS[case.rig].with_filters(case.bayer)
     rig = replace(rig, spots=replace(rig.spots, split=case.split))
     errors, expected, found, spots, real = [], 0, 0, 0, 0
     for seed in seeds:

@@ -14,7 +14,7 @@ _LIMITS = {
     "20 hot pixels": (0.995, 2), "defocus 4 px": (1, 3), "motion 9 px": (0.99, 4),
     "4 highlights": (0.99, 3), "12-look speckle": (0.995, 7), "15 % dim": (1, 2),
     "3 dead beams": (1, 1.3), "3 overbright beams": (0.995, 1.5), "tissue": (0.98, 7),
-    "full speckle": (0.95, 20)}
+    "full speckle": (0.95, 20), "colour filters": (1, 1.3)}
 
 
 @pytest.fixture(scope="module")

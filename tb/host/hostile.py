@@ -40,7 +40,8 @@ def bounded(seconds=60, memory=_MEMORY):
         signal.signal(signal.SIGALRM, previous)
 
 
-def identity(protocol=PROTOCOL_VERSION, tables=1, width=64, height=64, beams=16, lanes=2, preset=0, clock=16_000):
+def identity(protocol=PROTOCOL_VERSION, tables=1, width=64, height=64, beams=16, lanes=2, preset=0,
+             clock=16_000):
     """The data of a reply to IDENTIFY."""
     sizes = b"".join(size.to_bytes(2, "little") for size in (width, height, beams))
     return bytes([protocol, tables]) + sizes + bytes([lanes, preset]) + clock.to_bytes(2, "little")

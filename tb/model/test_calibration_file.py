@@ -41,6 +41,9 @@ def test_file_gives_back_what_it_was_given(calibration, tmp_path):
     assert (back.width, back.height, back.rows, back.columns) == (352, 288, 7, 7)
     assert json.loads(path.read_text())["version"] == file.VERSION
     assert [entry.name for entry in tmp_path.iterdir()] == ["calibration.json"]
+    filtered = replace(calibration, bayer="GBRG")
+    file.save(filtered, path)
+    assert file.load(path) == filtered
     remapped = replace(
         calibration, settings=replace(calibration.settings, remap=remap_table(calibration.lens)))
     file.save(remapped, path)
@@ -110,6 +113,8 @@ def test_missing_file_and_folder_are_refused(tmp_path, calibration):
     (b'"inverse_z_unit"', b'"unit"', "the file lacks inverse_z_unit"),
     (b'"erosion": "gate"', b'"erosion": "what"', "erosion of settings must be one of off, erode"),
     (b'"rows": 7', b'"rows": 8', "beams of the file must be a list of 56 beams"),
+    (b'"height": 288', b'"height": 288, "bayer": "RGB"', "bayer of sensor must be one of RGGB, GR"),
+    (b'"height": 288', b'"height": 288, "bayer": []', "bayer of sensor must be one of RGGB, GR"),
     (b'"remarks": {}', b'"remarks": {"49": "dead"}', "49 of remarks must be of a beam of the mesh"),
     (b'"remarks": {}', b'"remarks": {"4": 1}', "4 of remarks must be a text of up to 400")])
 def test_other_files_with_a_good_check_sum_are_refused(calibration, old, new, message):

@@ -113,6 +113,8 @@ CAPTURES = {
     "endless": (edit("capture.toml", "pitch_deg = ", "pitch_deg = inf #"), "pitch_deg in"),
     "many beams": (edit("capture.toml", "columns = 4\npitch", "columns = 400\npitch"), "4 x 400 "),
     "base": (edit("capture.toml", "base_mm = [", "base_mm = [1, "), "base_mm in [projector] must"),
+    "filters": (edit("capture.toml", "[projector]", "bayer = 'RGB'\n[projector]"),
+                "bayer in [sensor] must be one of RGGB, GRBG, GBRG, BGGR, or left out, not 'RGB'"),
     "dead number": (edit("capture.toml", "[lens]", "dead = 3\n[lens]"), "dead in [projector] must"),
     "dead row": (edit("capture.toml", "[lens]", "dead = [[4, 0]]\n[lens]"),
                  "a list of beams [row, column], counted from 0, of the 4 x 4 mesh, not [[4, 0]]"),

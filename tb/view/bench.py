@@ -4,9 +4,11 @@ import asyncio
 import json
 import threading
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
+from model.bayer import channels
 from scripts.host.history import History
 from scripts.host.messages import Frame, TextureFrame, TexturePiece
 from scripts.results.drift import DriftMonitor
@@ -14,24 +16,30 @@ from scripts.view.server import PageServer
 from scripts.view.session import Session
 from tb.measure.simulated import calibration_of, measured, mesh_rig
 
-__all__ = ["NOISE_PX", "ask", "history_of", "serving"]
+__all__ = ["NOISE_PX", "WALL_COLOUR", "ask", "history_of", "serving"]
 
 NOISE_PX = 0.04
+#: Red, green and blue of what a sensor with colour filters sees.
+WALL_COLOUR = 190, 100, 60
 #: Flags of a frame that was lit, with valid tables.
 _LIT = 0x48
 
 
-def history_of(scenes, side=11, noise_px=NOISE_PX, grey=90, moved=lambda rig: rig):
+def history_of(scenes, side=11, noise_px=NOISE_PX, grey=90, moved=lambda rig: rig, bayer=None):
     """The rig, and a history with a frame of each scene and a texture that is the same in all.
 
+    With ``bayer``, the sensor has such colour filters, and the texture is :data:`WALL_COLOUR`.
     ``moved`` gives the rig that the frames are of, from the calibrated one.
     """
     rig = mesh_rig(side)
-    calibration = calibration_of(rig, NOISE_PX)
+    calibration = replace(calibration_of(rig, NOISE_PX), bayer=bayer)
     history, rng = History(calibration), np.random.default_rng(1)
     monitor = DriftMonitor(calibration)
     image = np.full((calibration.height, calibration.width), grey, np.uint8)
-    image[::16], image[:, ::16] = 160, 160
+    if bayer is None:
+        image[::16], image[:, ::16] = 160, 160
+    else:
+        image[:] = np.array(WALL_COLOUR, np.uint8)[channels(bayer, *image.shape)]
     for number, scene in enumerate(scenes):
         index, now = 2 * number + 10, 1000 + 40_000 * number
         if not number:

@@ -12,7 +12,7 @@ from scripts.measure.formats import glb, pcd, ply
 from scripts.measure.surface import Surface
 from scripts.results.cloud import (
     CloudFiles,
-    grey_at,
+    colours_at,
     ply_head,
     ply_lines,
     surface_triangles,
@@ -64,7 +64,7 @@ def test_points_beside_the_surface_have_no_normal(frame):
     points = surface.points[np.isin(beam, (0, 16)) | (beam > 27)]
     points["status"][9] = DOUBTFUL
     rows = vertices(points, surface_triangles(points, surface.calibration.columns),
-                    grey_at(points, grey, came))
+                    colours_at(points, grey, came))
     bare = (rows["nx"] == 0) & (rows["ny"] == 0) & (rows["nz"] == 0)
     assert np.flatnonzero(bare).tolist() == [0, 1, 9] and rows["status"][9] == DOUBTFUL
     found, _ = read_ply((ply_head(len(rows), "test") + ply_lines(rows)).encode())

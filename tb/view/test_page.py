@@ -19,7 +19,7 @@ from scripts.simulation.live_rig import calibrated, open_live
 from scripts.view.session import LiveSession
 from tb.benchmark.drift import move
 from tb.measure.polyps import true_rim
-from tb.view.bench import history_of, replay, serving
+from tb.view.bench import WALL_COLOUR, history_of, replay, serving
 from tb.view.browser import canvas_pixels, open_browser, until
 
 FLAT = Plane(60, 0, 0)
@@ -98,6 +98,17 @@ def test_a_plane_looks_flat_and_a_sphere_does_not(browser, recorded):
         go(page, 41)
         image = canvas_pixels(page)[height // 2, width // 2 - 60:width // 2 + 60].astype(int)
         assert (image[:, 0] - image[:, 2]).mean() > 5
+
+
+def test_a_sensor_with_colour_filters_has_a_picture_in_colour(browser):
+    history = history_of([FLAT], bayer="GRBG")[1]
+    with serving(replay(history)) as server, opened(browser, server) as page:
+        page.keyboard.press("p")
+        go(page, 0)
+        image = canvas_pixels(page)
+        height, width = image.shape[:2]
+        middle = image[height // 2 - 40:height // 2 + 40, width // 2 - 40:width // 2 + 40, :3]
+        assert np.abs(np.median(middle, axis=(0, 1)) - WALL_COLOUR[::-1]).max() <= 3
 
 
 def test_a_rig_that_has_moved_is_said(browser):

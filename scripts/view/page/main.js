@@ -123,10 +123,11 @@ class Page {
     const head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
     if (this.frozen && head.frame !== this.frame.frame) return;
     const pixels = head.width * head.height;
-    const grey = new Uint8Array(data, 4 + length, pixels);
-    const age = new Uint8Array(data, 4 + length + pixels, pixels);
-    this.stage.texture(head, grey, age);
-    this.picture.texture(head, grey);
+    const octets = pixels * head.channels;
+    const colours = new Uint8Array(data, 4 + length, octets);
+    const age = new Uint8Array(data, 4 + length + octets, pixels);
+    this.stage.texture(head, colours, age);
+    this.picture.texture(head, colours);
     this.strip.texture(head);
   }
 

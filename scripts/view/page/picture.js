@@ -44,11 +44,14 @@ export class Picture {
     this.draw();
   }
 
-  texture(head, grey) {
+  texture(head, colours) {
     const context = this.plain.getContext("2d");
     const image = context.createImageData(head.width, head.height);
-    for (let at = 0, to = 0; at < grey.length; at++, to += 4) {
-      image.data[to] = image.data[to + 1] = image.data[to + 2] = grey[at];
+    const each = head.channels, green = each === 3 ? 1 : 0, blue = each === 3 ? 2 : 0;
+    for (let from = 0, to = 0; from < colours.length; from += each, to += 4) {
+      image.data[to] = colours[from];
+      image.data[to + 1] = colours[from + green];
+      image.data[to + 2] = colours[from + blue];
       image.data[to + 3] = 255;
     }
     context.putImageData(image, 0, 0);

@@ -244,18 +244,19 @@ export class Stage {
     object.geometry = made;
   }
 
-  texture(head, grey, age) {
-    this.latest = { head, grey: grey.slice(), age: age.slice() };
+  // Grey values, or red, green, blue of each pixel.
+  texture(head, colours, age) {
+    this.latest = { head, colours: colours.slice(), age: age.slice() };
     this.texels();
   }
 
-  // The picture, and where it is old: from its own grey to blue; places that never came are plain.
+  // The picture, and where it is old: from its own colour to blue; places that never came are plain.
   texels() {
     if (!this.latest) return;
-    const { head, grey, age } = this.latest;
+    const { head, colours, age } = this.latest;
     if (!this.map || this.map.image.width !== head.width || this.map.image.height !== head.height) {
       if (this.map) this.map.dispose();
-      this.map = new THREE.DataTexture(new Uint8Array(4 * grey.length), head.width, head.height,
+      this.map = new THREE.DataTexture(new Uint8Array(4 * age.length), head.width, head.height,
         THREE.RGBAFormat);
       this.map.colorSpace = THREE.SRGBColorSpace;
       this.map.minFilter = this.map.magFilter = THREE.LinearFilter;
@@ -265,16 +266,16 @@ export class Stage {
     }
     const data = this.map.image.data, fades = this.mode === "age";
     const step = this.described.age_step / 10; // all blue after ten seconds
-    for (let at = 0, to = 0; at < grey.length; at++, to += 4) {
-      const value = grey[at];
+    const each = head.channels, green = each === 3 ? 1 : 0, blue = each === 3 ? 2 : 0;
+    for (let at = 0, from = 0, to = 0; at < age.length; at++, from += each, to += 4) {
       let part = 0;
       if (age[at] === NEVER) {
         data[to] = 150; data[to + 1] = 132; data[to + 2] = 126;
       } else {
         if (fades) part = Math.min(1, age[at] * step);
-        data[to] = value * (1 - part) + 30 * part;
-        data[to + 1] = value * (1 - part) + 60 * part;
-        data[to + 2] = value * (1 - part) + 220 * part;
+        data[to] = colours[from] * (1 - part) + 30 * part;
+        data[to + 1] = colours[from + green] * (1 - part) + 60 * part;
+        data[to + 2] = colours[from + blue] * (1 - part) + 220 * part;
       }
       data[to + 3] = 255;
     }

@@ -1,0 +1,67 @@
+"""The picture of a sensor with colour filters, in colour."""
+
+import numpy as np
+
+__all__ = ["colour_picture", "to_file"]
+
+_REACH = 8
+
+
+def colour_picture(image, came, bayer):
+    """What a texture shows.
+
+    Parameters
+    ----------
+    image : array (height, width) of uint8
+        The texture as the chip sends it.
+    came : array (height, width) of :class:`bool`
+        Which of its pixels have come.
+    bayer : :class:`str` or None
+        Pattern of the sensor's colour filters, one of :data:`model.bayer.BAYER`.
+
+    Returns
+    -------
+    array
+        ``image`` itself without filters; with filters (height, width, 3) in red, green, blue. A
+        pixel that has not come has the value of the nearest one of its colour in its column that
+        has. Where one of the colours is missing for more than eight rows, it is grey.
+    """
+    if bayer is None or min(image.shape) < 2:
+        return image
+    import cv2
+
+    code = getattr(cv2, f"COLOR_Bayer{bayer}2RGB")
+    if came.all():
+        return cv2.cvtColor(image, code)
+    height, width = image.shape
+    filled, near = np.empty_like(image), np.empty(image.shape, bool)
+    for row in (0, 1):
+        for column in (0, 1):
+            site = slice(row, None, 2), slice(column, None, 2)
+            filled[site], distance = _fill(image[site], came[site])
+            near[site] = 2 * distance <= _REACH
+    # All four colours of a pixel's surroundings.
+    near = cv2.erode(near.astype(np.uint8), np.ones((3, 3))).astype(bool)
+    colours = cv2.cvtColor(filled, code)
+    grey, _ = _fill(image, came)
+    grey = cv2.blur(grey, (2, 1))  # a row has two colours in turn
+    return np.where(near[:, :, None], colours, grey[:, :, None])
+
+
+def to_file(picture):
+    """A picture as :func:`cv2.imencode` takes it: blue, green, red where it has colours."""
+    return picture[:, :, ::-1] if picture.ndim == 3 else picture
+
+
+def _fill(plane, known):
+    """Unknown pixels take the value of the nearest known one in their column, 0 without any.
+
+    Gives the filled plane and the distance to that pixel, in rows of the plane.
+    """
+    height, far = len(plane), np.int16(1 << 13)
+    row = np.arange(height, dtype=np.int16)[:, None]
+    above = np.maximum.accumulate(np.where(known, row, -far), axis=0)
+    below = np.minimum.accumulate(np.where(known, row, far)[::-1], axis=0)[::-1]
+    nearest = np.where(row - above <= below - row, above, below)
+    taken = np.take_along_axis(plane, np.clip(nearest, 0, height - 1), axis=0)
+    return np.where(np.abs(nearest) < far, taken, 0).astype(plane.dtype), np.abs(nearest - row)

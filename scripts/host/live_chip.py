@@ -69,7 +69,7 @@ class LiveChip(PortOwner):
                        *ADJUSTABLE["paper" if calibration.settings.remap else "capsule"])
         self._checked, self._registers, self._accepted = False, {}, 0
         self.trouble = self.state = self.doing = None
-        self.recording = True
+        self.recording, self._failed = True, False
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self):
@@ -86,6 +86,8 @@ class LiveChip(PortOwner):
         """Have the chip do one of :data:`ACTIONS`; a future of a sentence, or of a UserError."""
         future = Future()
         self._jobs.put((future, action, dict(registers or {})))
+        if self._failed:
+            self._refuse_jobs()
         return future
 
     def _record(self, octets):
@@ -114,6 +116,22 @@ class LiveChip(PortOwner):
         return False
 
     def _run(self):
+        try:
+            self._serve()
+        except Exception as error:
+            self.trouble = (f"This program has a fault ({type(error).__name__}: {error}): start it "
+                            "again; the recording keeps what came.")
+            self._failed = True
+            self._refuse_jobs()
+            self._changed()
+            raise
+
+    def _refuse_jobs(self):
+        """Nobody is left to do them."""
+        while not self._jobs.empty():
+            self._jobs.get()[0].set_exception(UserError(self.trouble))
+
+    def _serve(self):
         due = 0.0
         while not self._ended.is_set():
             try:
@@ -187,6 +205,9 @@ class LiveChip(PortOwner):
             raise
         except UserError as error:
             future.set_exception(error)
+        except Exception as error:
+            future.set_exception(UserError(f"This program has a fault: {error}"))
+            raise
         finally:
             self.doing = None
             self._changed()

@@ -79,6 +79,23 @@ def test_load_start_stop_and_status_beside_the_recording(rig, terminal, tmp_path
     assert (again.texture(10**9)[0] == TEXTURE).mean() > 0.5
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_fault_of_the_program_is_said(rig, terminal, tmp_path, monkeypatch):
+    """... and whoever waits for an answer gets it; what came is kept."""
+    calibration, _ = rig
+
+    def fail(*_):
+        raise ValueError("planted")
+
+    with owning(terminal.path, calibration, tmp_path / "out") as owner:
+        monkeypatch.setattr(owner.reception.recorder, "take", fail)
+        with pytest.raises(UserError, match="This program has a fault.*planted"):
+            owner.do("load").result(60)
+        wait(lambda: owner.trouble is not None)
+        assert "has a fault (ValueError: planted): start it again" in owner.trouble
+    assert (tmp_path / "out" / "link.raw").stat().st_size > 0
+
+
 def test_what_the_chip_refuses_is_said_and_receiving_goes_on(rig, terminal, tmp_path):
     calibration, _ = rig
     with owning(terminal.path, calibration, tmp_path / "out") as owner:

@@ -42,7 +42,8 @@ class Pace:
     median_ms, p95_ms : :class:`float`
         From a frame to its picture on the screen.
     server_mb, page_mb : tuple of two :class:`float`
-        Memory at the beginning and at the end: the largest of this process, the heap of the page.
+        Memory at the beginning and at the end: the largest of this process, the heap of the page
+        after its garbage is collected.
     """
 
     points: int
@@ -99,7 +100,10 @@ def measure(side, seconds):
         page.evaluate(_WATCH)
         time.sleep(2)
 
+        collector = page.context.new_cdp_session(page)
+
         def memory():
+            collector.send("HeapProfiler.collectGarbage")
             return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
                     page.evaluate("performance.memory.usedJSHeapSize") / 2**20)
 

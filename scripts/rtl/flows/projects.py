@@ -239,10 +239,15 @@ CLOCKS = $clocks
 BOUNDS = $bounds
 
 
+#: Other names of these clocks in the board's top.
+SAME = {"pixel_clock": "pixel_clk", "clock_in": "display_clk"}
+
+
 def plain(name):
-    """The net of a clock without what nextpnr adds to it."""
+    """The name of a clock without what nextpnr adds to it."""
     name = re.sub(r"^(posedge|negedge) ", "", name)
-    return re.sub(r"^.glbnet.|.TRELLIS_IO_IN$$", "", name)
+    name = re.sub(r"^.glbnet.|.TRELLIS_IO_IN$$", "", name)
+    return SAME.get(name, name)
 
 
 def main(file):
@@ -278,9 +283,6 @@ def ecp5(board, ports, timing, top, sources):
     """Files of a project for yosys and nextpnr."""
     files = [*sources, f"rtl/{board.name}.v"]
 
-    def net(clock):
-        return "pixel_clock" if clock == "pixel_clk" else clock
-
     return {
         f"rtl/{board.name}.v": board_top(board, ports, timing, top),
         f"{board.name}.lpf": constraints.lpf(board, ports, timing),
@@ -288,5 +290,5 @@ def ecp5(board, ports, timing, top, sources):
                                   **board.device),
         "check_timing.py": _fill(
             _CHECK,
-            clocks=repr({net(clock): round(1e3 / ns, 3) for clock, ns in timing.clocks.items()}),
-            bounds=repr({(net(a), net(b)): ns for (a, b), ns in timing.bounds.items()}))}
+            clocks=repr({clock: round(1e3 / ns, 3) for clock, ns in timing.clocks.items()}),
+            bounds=repr(timing.bounds))}

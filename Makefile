@@ -9,7 +9,7 @@ PYTEST := $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup tools demo live sim test lint bench prove crossings synth-export clean
+.PHONY: help setup tools demo live sim test lint bench prove crossings synth-export synth-report clean
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1|\2/p' $(MAKEFILE_LIST) | \
@@ -54,6 +54,9 @@ synth-export: setup ## write the design for other tools to build/export; FLOW=, 
 	    $(if $(PART),--part $(PART)) $(if $(PRESET),--preset $(PRESET)) \
 	    $(if $(SIZE),--size $(SIZE)) $(if $(BEAMS),--beams $(BEAMS)) \
 	    $(if $(LANES),--lanes $(LANES)) $(if $(CALIBRATION),--calibration $(CALIBRATION))
+
+synth-report: tools ## sizes on all parts, printed, drawn and compared; one routed
+	$(BIN)/python -m scripts.rtl.report --picture build/synth-report.png
 
 clean: ## remove what was built; .venv stays
 	@[ ! -x $(BIN)/python ] || rm -rf "$$($(BIN)/python -m scripts.paths)"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from hdl.export import flat_ports, to_verilog
 
-__all__ = ["Memory", "Port", "memories", "modules", "ports", "verilog"]
+__all__ = ["Memory", "Port", "memories", "memory_bits", "modules", "ports", "verilog"]
 
 
 @dataclass(frozen=True)
@@ -97,3 +97,8 @@ def memories(text):
             name = re.sub(r"\W+", "_", match[2]).strip("_")
             found.append(Memory(module, name, int(match[1] or 0) + 1, tuple(words)))
     return found
+
+
+def memory_bits(text):
+    """Bits of all memories of a Verilog text, in which each module stands once."""
+    return sum(memory.width * len(memory.words) for memory in memories(text))

@@ -18,8 +18,9 @@ from model.preprocessing.remap import OUTSIDE, pack_remap
 from model.settings import Settings
 from scripts.cyclope import cli
 from scripts.paths import ROOT
-from scripts.rtl import export, size
+from scripts.rtl import export, report, size
 from scripts.rtl.blocks import ASSEMBLIES, BLOCKS, TOP, VARIANTS, Block, find, present
+from scripts.rtl.flows.parts import PARTS
 from scripts.rtl.verilog import Memory, Port, memories, modules, ports, verilog
 from scripts.simulation.library import ZEROS
 from tb.hdlsim import WAIVERS, prepare_environment, require_ghdl
@@ -302,6 +303,31 @@ def test_size_is_within_its_limits(name):
     counted = size.measure_verilog(verilog(find(name).component(), name), name)
     assert size.over(name, counted) == []
     assert counted["latches"] == 0
+    if name == TOP.name:
+        key = f"{name}, capsule, {PRESETS['capsule'].beams} beams", "xc2vp"
+        used = {"lut": counted["lut4"], "ff": counted["ff"], "memory": counted["ramb16"],
+                "multiplier": counted["mult18x18"]}
+        assert report.compare({key: used}, report.read()) == ([], [])
+
+
+@pytest.mark.parametrize("design", [
+    "instrument, paper, 49 beams", "instrument, capsule, 49 beams",
+    "instrument, capsule, 361 beams"])
+def test_figures_fit_the_xc2vp30(design):
+    """Those that `make synth-report` compares with."""
+    used = report.read()[design, "xc2vp"]
+    assert used.keys() == {"lut", "ff", "multiplier", "memory"}
+    assert max(report.shares(used, PARTS["XC2VP30"]).values()) <= 100
+
+
+def test_a_figure_that_moved_is_told():
+    key = "instrument, capsule, 49 beams", "xc2vp"
+    before = {key: {"lut": 1000, "memory": 20}}
+    assert report.compare({key: {"lut": 1049, "memory": 21}}, before) == ([], [])
+    assert report.compare({key: {"lut": 1060, "memory": 22}}, before) == (
+        [f"{key[0]} for xc2vp: lut is 1060, it was 1000",
+         f"{key[0]} for xc2vp: memory is 22, it was 20"], [])
+    assert report.compare({("other", "xc7"): {"lut": 1}}, before) == ([], [("other", "xc7")])
 
 
 def test_paths_are_relative_to_the_project():

@@ -8,11 +8,11 @@ from hdl.instrument import Instrument
 from model.errors import UserError
 from scripts.rtl.blocks import TOP
 from scripts.rtl.flows import projects
-from scripts.rtl.flows.parts import BOARDS, FLOWS, PARTS, boards_of, lacks
+from scripts.rtl.flows.parts import BOARDS, FLOWS, PARTS, boards_of, lacks, lacks_bits
 from scripts.rtl.flows.readme import page
 from scripts.rtl.synthesis import synthesise
 from scripts.rtl.timing import mark_registers, plan
-from scripts.rtl.verilog import ports, verilog
+from scripts.rtl.verilog import memory_bits, ports, verilog
 
 __all__ = ["Flow", "TooSmallError", "choose", "describe", "prepare"]
 
@@ -106,10 +106,12 @@ def prepare(name, config, part=None, make=Instrument, count=synthesise):
         raise UserError(f"The flow {name} has no part {part!r}; it has {known}.")
     config = replace(config, clock_hz=FLOWS[name])
     text, timing, found = _design(config, make)
-    used = {family: count(text, TOP.name, family)
-            for family in dict.fromkeys(PARTS[board.part].family for board in boards)}
-    short = {board.name: lacks(PARTS[board.part], used[PARTS[board.part].family])
-             for board in boards}
+    bits = memory_bits(text)
+    short = {board.name: lacks_bits(PARTS[board.part], bits) for board in boards}
+    used = {family: count(text, TOP.name, family) for family in dict.fromkeys(
+        PARTS[board.part].family for board in boards if not short[board.name])}
+    short |= {board.name: lacks(PARTS[board.part], used[PARTS[board.part].family])
+              for board in boards if not short[board.name]}
     left_out = list(dict.fromkeys(filter(None, short.values())))
     fitting = [board for board in boards if not short[board.name]]
     if not fitting:

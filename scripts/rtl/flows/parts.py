@@ -4,19 +4,21 @@ from dataclasses import dataclass, field
 
 from scripts.rtl.synthesis import FAMILIES
 
-__all__ = ["BOARDS", "FLOWS", "PARTS", "Board", "Part", "boards_of", "lacks"]
+__all__ = ["BOARDS", "FLOWS", "PARTS", "Board", "Part", "boards_of", "lacks", "lacks_bits"]
 
 
 @dataclass(frozen=True)
 class Part:
     """A part and what it has of each resource, by its data sheet.
 
-    ``family`` is that of :data:`scripts.rtl.synthesis.FAMILIES`, ``capacity`` names its resources.
+    ``family`` is that of :data:`scripts.rtl.synthesis.FAMILIES`, ``capacity`` names its resources,
+    ``bits`` is what its block memories hold.
     """
 
     name: str
     family: str
     capacity: dict
+    bits: int
 
     def share(self, resource, used):
         """Part of the device in percent; None if it has none of this."""
@@ -25,7 +27,9 @@ class Part:
 
 def _part(name, family, lut, ff, multiplier, memory, small=0):
     capacity = {"lut": lut, "ff": ff, "multiplier": multiplier, "memory": memory}
-    return Part(name, family, capacity | ({"small memory": small} if small else {}))
+    block = {"xc7": 36_864, "proasic3e": 4_608}.get(family, 18_432)
+    return Part(name, family, capacity | ({"small memory": small} if small else {}),
+                memory * block + small * 1_152)
 
 
 #: All parts by name. A tile of ProASIC3E is a table or a flip-flop.
@@ -85,6 +89,13 @@ _ARTY = {
     "cts": "D13", "frame_valid": "D4", "line_valid": "D3", "pixel_clk": "F4",
     "data": "E15 E16 D15 C15 J17 J18 K15 J15".split(),
 }
+#: Header J1: gn0 takes the imager's clock, the others follow in their order.
+_ULX3S = {
+    "clock_in": "G2", "reset_in": "R1", "rx": "M1", "tx": "L4", "busy": "B2", "pixel_clk": "C11",
+    "frame_valid": "A10", "line_valid": "A11", "data": "A9 B10 B9 C10 A7 A8 C8 B8".split(),
+    "laser": "C6", "sensor_reset": "C7", "sensor_integrate": "A6", "sensor_read": "B6",
+    "cts": "A4",
+}
 _CREATIVE = {"clock_in": "H16", "reset_in": "H12", "tx": "G3", "rx": "H3"}
 #: System clocks of each flow, hertz: what its boards make of their oscillators.
 FLOWS = {
@@ -121,8 +132,7 @@ BOARDS = {
     "lattice-ecp5": tuple(
         Board(f"ulx3s_{size}", f"Radiona ULX3S with LFE5U-{size}F", f"LFE5U-{size}F",
               {"option": f"--{size}k", "package": "CABGA381", "speed": 6}, 25_000_000, "pll",
-              pins={"clock_in": "G2", "reset_in": "R1", "rx": "M1", "tx": "L4", "busy": "B2",
-                    "pixel_clk": "C11"})
+              pins=_ULX3S)
         for size in (25, 45, 85)),
 }
 
@@ -130,6 +140,12 @@ BOARDS = {
 def boards_of(flow, part=None):
     """Boards of a flow, or those of one of its parts."""
     return [board for board in BOARDS.get(flow, ()) if part in (None, board.part)]
+
+
+def lacks_bits(part, bits):
+    """Whether ``bits`` of memory are more than the ``part`` has, in words, or None."""
+    return (f"{part.name} is too small: {bits:,} bits of memory are needed and it has "
+            f"{part.bits:,}" if bits > part.bits else None)
 
 
 def lacks(part, used):

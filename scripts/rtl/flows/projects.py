@@ -204,23 +204,23 @@ ECPPACK ?= yowasp-ecppack
 PYTHON ?= python3
 SOURCES := $files
 ROUTE = $$(NEXTPNR) $option --package $package --speed $speed --json $board.json \\
-	--lpf $board.lpf --report $board.report.json --top $board
+\t--lpf $board.lpf --report $board.report.json --top $board
 
 $board.bit: $board.config
-	$$(ECPPACK) --compress $board.config $board.bit
+\t$$(ECPPACK) --compress $board.config $board.bit
 
 $board.config: $board.json $board.lpf
-	$$(ROUTE) --textcfg $board.part
-	$$(PYTHON) check_timing.py $board.report.json
-	mv $board.part $board.config
+\t$$(ROUTE) --textcfg $board.part
+\t$$(PYTHON) check_timing.py $board.report.json
+\tmv $board.part $board.config
 
-# Without a site for every pin: for sizes and times only, no bitstream.
+# Without a site for every pin, but one for the laser: for sizes and times only, no bitstream.
 trial: $board.json $board.lpf
-	$$(ROUTE) --lpf-allow-unconstrained
-	$$(PYTHON) check_timing.py $board.report.json
+\t$$(ROUTE) --lpf-allow-unconstrained
+\t$$(PYTHON) check_timing.py $board.report.json
 
 $board.json: $$(SOURCES)
-	$$(YOSYS) -q -p "read_verilog $$(SOURCES); synth_ecp5 -top $board -json $board.json"
+\t$$(YOSYS) -q -p "read_verilog $$(SOURCES); synth_ecp5 -top $board -json $board.json"
 
 .PHONY: trial
 """

@@ -30,11 +30,11 @@ def owning(path, calibration, folder):
 @pytest.fixture
 def terminal(rig):
     """A fake instrument that is not too fast for all that is done with its frames here."""
-    with open_fake(rig[0], images(), speed=2.0) as opened:
+    with open_fake(rig[0], images(), speed=1.0) as opened:
         yield opened
 
 
-def wait(condition, seconds=20.0):
+def wait(condition, seconds=60.0):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "it never came"
@@ -51,18 +51,18 @@ def test_load_start_stop_and_status_beside_the_recording(rig, terminal, tmp_path
         wait(lambda: owner.history.count > 5)
         wait(lambda: owner.state["mode"] == "continuous" and owner.state["armed"])
         size = (tmp_path / "out" / "link.raw").stat().st_size
-        assert "pattern_us = 300" in owner.do("set", {"pattern_us": 300}).result(20)
+        assert "pattern_us = 300" in owner.do("set", {"pattern_us": 300}).result(60)
         wait(lambda: owner.history.moment(10**9).frame.exposure_us == 300)
         assert (tmp_path / "out" / "link.raw").stat().st_size > size
-        assert "stopped, the laser is off" in owner.do("stop").result(20)
+        assert "stopped, the laser is off" in owner.do("stop").result(60)
         assert owner.trouble is None
         assert owner.state["registers"]["pattern_us"] == 300
         for action, as_images in (("pattern-images", True), ("pattern-only", False)):
-            assert owner.do(action).result(20) and owner.state["mode"] == "pattern"
+            assert owner.do(action).result(60) and owner.state["mode"] == "pattern"
             assert owner.state["as_images"] is as_images
-        assert owner.do("stop").result(20)
+        assert owner.do("stop").result(60)
         count = owner.history.count
-        assert owner.do("single").result(20)
+        assert owner.do("single").result(60)
         wait(lambda: owner.history.count == count + 1)
     # Replies and all frames are in the recording, which is read again to the same history.
     events = Decoder().events((tmp_path / "out" / "link.raw").read_bytes())
@@ -101,7 +101,7 @@ def test_what_the_chip_refuses_is_said_and_receiving_goes_on(rig, terminal, tmp_
     with owning(terminal.path, calibration, tmp_path / "out") as owner:
         owner.do("load").result(60)
         with pytest.raises(UserError, match="The laser guard would trip: pattern_us is 5000"):
-            owner.do("set", {"pattern_us": 5000}).result(20)
+            owner.do("set", {"pattern_us": 5000}).result(60)
         count = owner.history.count
         wait(lambda: owner.history.count > count + 2)
 
@@ -112,7 +112,7 @@ def test_a_calibration_of_another_chip(terminal, tmp_path):
         wait(lambda: owner.trouble is not None)
         assert "The calibration has 9 beams, the chip is made for 16" in owner.trouble
         with pytest.raises(UserError, match="9 beams"):
-            owner.do("load").result(20)
+            owner.do("load").result(60)
         time.sleep(2.5)  # it is not forgotten with the next look
         assert "9 beams" in owner.trouble
 
@@ -120,7 +120,7 @@ def test_a_calibration_of_another_chip(terminal, tmp_path):
 def test_a_port_that_vanishes_and_comes_back(rig, tmp_path):
     calibration, _ = rig
     now = tmp_path / "device"
-    with open_fake(calibration, images(), speed=2.0) as first:
+    with open_fake(calibration, images(), speed=1.0) as first:
         os.symlink(first.path, now)
         owner_of = owning(lambda: os.path.realpath(now), calibration, tmp_path / "out")
         owner = owner_of.__enter__()
@@ -130,7 +130,7 @@ def test_a_port_that_vanishes_and_comes_back(rig, tmp_path):
         wait(lambda: owner.trouble is not None)
         assert "nothing comes until it is back" in owner.trouble
         count = owner.history.count
-        with open_fake(calibration, images(), speed=2.0) as second:
+        with open_fake(calibration, images(), speed=1.0) as second:
             now.unlink()
             os.symlink(second.path, now)
             wait(lambda: owner.state is not None)

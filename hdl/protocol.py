@@ -33,7 +33,7 @@ MEAN_WINDOW_PIXELS = (5, 31)
 #: Beams of the largest mesh.
 MOST_BEAMS = 512
 #: Version of packets and commands.
-PROTOCOL_VERSION = 6
+PROTOCOL_VERSION = 7
 #: Version of the formats of the tables; the calibration file's own number follows it.
 TABLE_VERSION = 1
 #: Octets of a packet on the wire, both delimiters included: the payload of one 802.15.4 frame.
@@ -90,7 +90,7 @@ class PacketKind(IntEnum):
     RECORDS = 0x52  # number (low octet), records of 10 octets
     RECORDS_LAST = 0x53  # number (low octet), records of 10 octets, trailer
     UNMATCHED = 0x54  # number (low octet), records of 10 octets: spots that are not ok
-    TEXTURE = 0x58  # number (low octet), row (16 bits), column (16 bits), pixels to the right
+    TEXTURE = 0x58  # words of 4 octets: a head, and packed pixels, see Texture
     TEXTURE_FRAME = 0x59  # number (low octet), TEXTURE_FIELDS
     REPLY = 0x5A  # tag, command, reason, data
 
@@ -255,6 +255,10 @@ def registers(clock_hz=16_000_000, baud=115_200):
                  "0 is no limit"),
         Register(0x24, "saturation", 8, 255, "grey value from which on a pixel is saturated; "
                  "preset `capsule` only", low=1),
+        Register(0x25, "texture_bound", 3, 2, "largest error of a texture's pixel in grey values: "
+                 "0, 2 or 4; 1 and 3 act as 0 and 2", high=4),
+        Register(0x26, "texture_mosaic", 1, 0, "the sensor has a colour mosaic: texture is packed "
+                 "as if a pixel resembled the one two to the left, not the one beside it"),
     )
 
 

@@ -31,8 +31,9 @@ class Transmitter(wiring.Component):
     texture, texture_info : :py:`In(stream.Signature(GreyPixel))`, \
     :py:`In(stream.Signature(FrameInfo))`
         Texture frames as they pass, and their announcements, see :class:`.texture.Texture`.
-    texture_enable : :py:`In(1)`
-        Send texture.
+    texture_enable, texture_bound, texture_mosaic : :py:`In(1)`, :py:`In(3)`, :py:`In(1)`
+        Send texture, with so large an error, of a sensor with a colour mosaic. The last two may
+        change only between texture frames.
     bad_sync, overrun : :py:`In(8)`
         The camera's counters, reported with each texture frame.
     divisor : :py:`In(16)`
@@ -52,7 +53,7 @@ class Transmitter(wiring.Component):
         Clocks from the last octet of a packet to its start bit, if the line is free.
     """
 
-    registers = register_ports("texture_enable", "divisor")
+    registers = {**register_ports("texture_enable", "divisor"), **Texture.registers}
 
     latency = Scheduler.latency + Framer.latency + UARTTransmitter.latency
 
@@ -91,6 +92,7 @@ class Transmitter(wiring.Component):
             # the announcement of the next texture frame among it.
             texture.enable.eq(
                 self.texture_enable & framer.free & ~scheduler.o.valid & ~self.more),
+            *(getattr(texture, name).eq(getattr(self, name)) for name in Texture.registers),
             texture.bad_sync.eq(self.bad_sync),
             texture.overrun.eq(self.overrun),
             framer.divisor.eq(self.divisor),

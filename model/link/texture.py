@@ -2,17 +2,14 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from model.link.framer import CONTENT_LIMIT
 from model.link.points import flags
+from model.link.texture_code import pack, quantise
 
 __all__ = ["TEXTURE", "TEXTURE_FRAME", "Texture", "TextureFrame"]
 
 TEXTURE, TEXTURE_FRAME = 0x58, 0x59
 
-_CAPTURED = 1023
-_PIXELS = CONTENT_LIMIT - 4 - 2 - 5
+_PLACES = 16  # packets that wait
 
 
 @dataclass(frozen=True)
@@ -41,7 +38,7 @@ class TextureFrame:
 
 
 class Texture:
-    """Sends an image in raster order, from whichever frame has last come whole.
+    """Sends an image in passes, packet by packet, from the frames that come whole.
 
     Frames come one at a time between packets: :meth:`frame` and :meth:`packet` are called in the
     order in which a frame ends and the first octet of a packet is taken.
@@ -50,20 +47,30 @@ class Texture:
     ----------
     width, height : :class:`int`
         Frame size in pixels.
+
+    Attributes
+    ----------
+    stands : tuple of two :class:`int`
+        Row and column of the next pixel to be packed.
     """
 
     def __init__(self, width, height):
         self.width, self.height = width, height
-        self.stands = 0  # the next pixel to be sent, in raster order
-        self._pixels, self._number, self._end = None, 0, 0
+        self.stands = (0, 0)
+        self._waiting = []
         self._due = None
         self._offered = None
+
+    @property
+    def waiting(self):
+        """Packets of pixels that have not been sent."""
+        return len(self._waiting)
 
     def takes(self):
         """Whether a frame that begins now is taken."""
         return self._due is None
 
-    def frame(self, image, info):
+    def frame(self, image, info, bound=0, mosaic=False):
         """A frame has passed.
 
         Parameters
@@ -72,19 +79,33 @@ class Texture:
             Its pixels; not used if it is broken.
         info : :class:`TextureFrame`
             What is reported of it.
+        bound : :class:`int`
+            Largest error of a pixel in grey values, one of
+            :data:`model.link.texture_code.BOUNDS`.
+        mosaic : :class:`bool`
+            See :func:`model.link.texture_code.pack`.
         """
         self._due = info
-        if not info.broken:
-            self._pixels, self._number = np.asarray(image).ravel(), info.number & 0xFF
-            self._end = min(self.stands + _CAPTURED, self.width * self.height)
+        over = info.broken
+        quantised = {}
+
+        def rows(row):
+            if row not in quantised:
+                quantised[row] = quantise(image[row], bound).tolist()
+            return quantised[row]
+
+        while len(self._waiting) < _PLACES and not over:
+            body, self.stands, over = pack(
+                rows, self.height, *self.stands, info.number, bound, mosaic)
+            self._waiting.append(bytes([TEXTURE]) + body)
         self._offer()
 
     def _offer(self):
-        """A packet that is offered stays, whatever comes; its contents are still open."""
+        """A packet that is offered stays, whatever comes."""
         if self._offered is None:
             if self._due is not None:
                 self._offered = TEXTURE_FRAME
-            elif self.stands != self._end:
+            elif self._waiting:
                 self._offered = TEXTURE
 
     def packet(self, bad_sync=0, overrun=0):
@@ -94,13 +115,6 @@ class Texture:
         if offered == TEXTURE_FRAME:
             content, self._due = self._due.content(bad_sync, overrun), None
         elif offered == TEXTURE:
-            row, column = divmod(self.stands, self.width)
-            count = min(_PIXELS, self.width - column, self._end - self.stands)
-            content = (bytes([TEXTURE, self._number]) + row.to_bytes(2, "little")
-                       + column.to_bytes(2, "little")
-                       + self._pixels[self.stands:self.stands + count].tobytes())
-            self.stands += count
-            if self.stands == self.width * self.height:
-                self.stands = self._end = 0
+            content = self._waiting.pop(0)
         self._offer()
         return content

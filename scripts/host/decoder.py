@@ -19,6 +19,7 @@ from scripts.host.messages import (
     fields_of,
 )
 from scripts.host.rebuild import point_check
+from scripts.host.texture_packet import unpack
 
 __all__ = ["POINT", "Decoder", "Frame", "Reply", "TextureFrame", "TexturePiece"]
 
@@ -48,7 +49,8 @@ class Decoder:
     damaged : :class:`int`
         Packets whose check or COBS is wrong.
     unknown : :class:`int`
-        Packets of a kind or a length that is not known here.
+        Packets of a kind or a length that is not known here, and those of texture that hold
+        what no chip packs.
     lost : :class:`int`
         Packets that are missing between accepted ones by their sequence numbers, damaged ones
         included.
@@ -160,11 +162,11 @@ class Decoder:
         return True
 
     def _texture(self, body, events):
-        if len(body) < 6:
+        pieces = unpack(body)
+        if pieces is None:
             return False
-        number, row, column = body[0], body[1] | body[2] << 8, body[3] | body[4] << 8
-        events.append(TexturePiece(
-            self._on(number, 8), row, column, np.frombuffer(body, np.uint8, offset=5)))
+        index = self._on(body[0], 8)
+        events += [TexturePiece(index, *piece) for piece in pieces]
         return True
 
     def _texture_frame(self, body, events):

@@ -120,8 +120,17 @@ class LoadPlan:
             f"{1e6 / (every * period_us):.3g} a second."]
 
     def carry_out(self, commands, progress=None):
-        """Change the chip; ``progress`` as for :func:`scripts.host.loading.load`."""
+        """Change the chip; ``progress`` as for :func:`scripts.host.loading.load`.
+
+        Images for a calibration come without loss, other textures as after a reset, unless
+        ``chosen`` has another ``texture_bound``.
+        """
         self.began = True
+        if self.pattern_as_texture or self.calibration is not None:
+            self.chosen.setdefault("texture_bound", 0 if self.pattern_as_texture
+                                   else REGISTERS["texture_bound"].reset)
+        if self.calibration is not None:
+            self.chosen.setdefault("texture_mosaic", int(self.calibration.bayer is not None))
         if self.calibration is not None:
             stop(commands)
             self.tables = "incomplete"

@@ -32,6 +32,7 @@ _WORDS = {
     "TABLE_VERSION": "version of the tables",
     "see GUARD_CAUSES": "see [causes](#identity-and-status)",
     "see DISPLAY_FAULTS": "see [below](#identity-and-status)",
+    "see Texture": "see [texture](#texture)",
     "see Flag": "as in [points](#points)",
 }
 _MARKED = re.compile(r"(<!-- protocol: (\w+) -->\n).*?(<!-- end -->)", re.S)

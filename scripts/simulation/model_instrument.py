@@ -14,6 +14,7 @@ from model.link.framer import frame as wire_packets
 from model.link.framer import wire_octets
 from model.link.points import packets
 from model.link.texture import Texture, TextureFrame
+from model.link.texture_code import BOUNDS
 from model.settings import Settings
 
 __all__ = ["ModelInstrument"]
@@ -140,7 +141,7 @@ class ModelInstrument:
         begin = round(self._next + registers["period_us"] // 2) & 0xFFFFFF
         self._texture.frame(image, TextureFrame(
             (self._number + 1) & 0xFFFF, exposure_us=registers["texture_us"], timestamp_us=begin,
-            **flags))
+            **flags), BOUNDS[registers["texture_bound"] // 2], bool(registers["texture_mosaic"]))
         contents = []
         while room > 0 and (content := self._texture.packet()) is not None:
             room -= wire_octets([content])

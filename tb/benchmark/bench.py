@@ -1,7 +1,8 @@
 """``make bench``: speed, accuracy, calibration, lengths, drift, latency, noise, size and more.
 
 ``python -m tb.benchmark.bench PART`` prints one part: ``speed``, ``accuracy``, ``calibration``,
-``measure``, ``drift``, ``page``, ``latency``, ``noise``, ``size``, ``link`` or ``presets``.
+``measure``, ``drift``, ``page``, ``latency``, ``noise``, ``size``, ``link``, ``texture``
+or ``presets``.
 """
 
 import sys
@@ -202,7 +203,7 @@ def size(console):
 
 
 def link(console):
-    """Load of the serial line: points of simulated frames, and texture in the time left over."""
+    """Load of the serial line: points of simulated frames."""
     from scripts.host.load_plan import fit_patterns
     from tb.benchmark import line_load
     for rig, beams, baud in (("endoscope", 49, line_load.BAUD), ("dense", 361, line_load.BAUD),
@@ -221,11 +222,23 @@ def link(console):
             table.add_row(f"{name} of {len(found)} frames", f"{value:,.1f}",
                           f"{100 * value / pair:.1f} %", limit if name == "most" else "")
         console.print(table)
-        if beams == 49:
-            longest = found[int(octets.argmax())]
-    table = _table("Time to send a whole texture of 352 x 288", "together with", "s")
-    for name, frame in (("49 ok points, the longest frame", longest), ("nothing", None)):
-        table.add_row(name, f"{line_load.refresh_seconds(frame):.1f}")
+
+
+def texture(console):
+    """Seconds until a texture has been sent, beside the points of every frame."""
+    from tb.benchmark import texture_time
+    what, images = texture_time.pictures()
+    table = _table(f"Time to send a texture of 352 x 288 at 25 pairs/s, bound as in "
+                   f"`texture_bound`: {what}", "beside", "baud", "bound", "coarse, mean", "most",
+                   "whole, mean", "most")
+    for rig, beams, baud in texture_time.LINES:
+        frame = texture_time.longest_frame(rig, beams)
+        cases = [(f"{beams} points", frame, bound) for bound in (0, 2, 4)]
+        for name, beside, bound in [*cases, ("nothing", None, 2)]:
+            times = texture_time.measure(images, beside, baud, bound)
+            table.add_row(name, f"{baud:,}", str(bound), *(
+                f"{seconds:.2f} s" for seconds in (times.coarse.mean(), times.coarse.max(),
+                                                   times.whole.mean(), times.whole.max())))
     console.print(table)
 
 
@@ -288,7 +301,8 @@ def page(console):
 
 
 PARTS = {part.__name__: part for part in (
-    speed, accuracy, calibration, measure, drift, page, latency, noise, size, link, presets)}
+    speed, accuracy, calibration, measure, drift, page, latency, noise, size, link, texture,
+    presets)}
 
 
 def main(arguments=None):

@@ -60,8 +60,8 @@ def points_octets(frame):
     return wire_octets([content for content in packets(frame) if content[0] != UNMATCHED])
 
 
-def refresh_seconds(frame=None, width=352, height=288, baud=BAUD, pair_s=PAIR_S):
-    """Time until every pixel of a texture has been sent once.
+def refresh_seconds(image, frame=None, baud=BAUD, pair_s=PAIR_S, bound=2):
+    """Times until a coarse texture, of every eighth row, and the whole of it have been sent.
 
     The packets of ``frame`` (None: none, not even a trailer) are queued a third of the way through
     each pair, when its pattern has been read, and a texture frame is offered at nine tenths, when
@@ -69,21 +69,30 @@ def refresh_seconds(frame=None, width=352, height=288, baud=BAUD, pair_s=PAIR_S)
 
     Parameters
     ----------
+    image : array (height, width) of uint8
+        What all texture frames show.
     frame : :class:`model.link.points.PatternFrame`, optional
         The pattern frame of every pair.
-    width, height : :class:`int`
-        Texture in pixels.
     baud : :class:`int`
         Bit rate of the line.
     pair_s : :class:`float`
         Time of a pair.
+    bound : :class:`int`
+        Value of the register ``texture_bound``.
+
+    Returns
+    -------
+    tuple of two :class:`float`
+        Seconds from the end of the first texture frame on.
     """
     from model.link.framer import wire_octets
     from model.link.points import packets
-    from model.link.texture import Texture, TextureFrame
+    from model.link.texture import TEXTURE, Texture, TextureFrame
+    from scripts.host.texture_packet import unpack
 
-    texture = Texture(width, height)
-    image = np.zeros((height, width), np.uint8)
+    texture = Texture(image.shape[1], image.shape[0])
+    sent = np.zeros(image.shape, bool)
+    coarse = None
     of_frame = [] if frame is None else packets(frame)
     queue, time, next_points, next_texture, begun = [], 0.0, pair_s / 3, 0.9 * pair_s, None
     while True:
@@ -92,13 +101,18 @@ def refresh_seconds(frame=None, width=352, height=288, baud=BAUD, pair_s=PAIR_S)
             next_points += pair_s
         if time >= next_texture:
             if texture.takes():
-                texture.frame(image, TextureFrame())
+                texture.frame(image, TextureFrame(), bound)
             next_texture += pair_s
             begun = time if begun is None else begun
         content = queue.pop(0) if queue else texture.packet()
-        if begun is not None and texture.stands == 0 and content and content[0] == 0x58:
-            return time + wire_octets([content]) * _BITS / baud - begun
         if content is None:
             time = min(next_points, next_texture)
-        else:
-            time += wire_octets([content]) * _BITS / baud
+            continue
+        time += wire_octets([content]) * _BITS / baud
+        if content[0] == TEXTURE:
+            for row, column, grey in unpack(content[1:]):
+                sent[row, column:column + len(grey)] = True
+            if coarse is None and sent[::8].all():
+                coarse = time - begun
+            if sent.all():
+                return coarse, time - begun

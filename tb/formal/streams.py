@@ -301,12 +301,11 @@ def _texture(m, block, g, inside):
     state = g["fsm_state"]
     formal.claim(m, "link_due", (state == 0) | ~g["of_frame"] | g["frame_due"])
     formal.claim(m, "link_frame", ~inside_frame | ~g["frame_due"])
-    index, head = g["index"], texture._HEAD
+    index = g["index"]
     formal.claim(m, "link_idle", (state != 0) | (index == 0))
     formal.claim(m, "link_head", (state != 1) | (
-        index < Mux(g["of_frame"], texture._FRAME_OCTETS, head)))
-    formal.claim(m, "link_pixels", (state < 2) | (~g["of_frame"] &
-        (index >= head) & (index < head + texture._PIXELS + (state == 3))))
+        index < Mux(g["of_frame"], texture._FRAME_OCTETS, 1)))
+    formal.claim(m, "link_words", (state < 2) | ~g["of_frame"])
 
 
 def _sync_queue(m, g, prefix, depth):

@@ -32,6 +32,11 @@ def good(number=2, count=1, full=True, **fields):
     return lambda wire: b"".join(wire.frame(make_frame(points(count), number, **fields), full))
 
 
+def pixel(number):
+    """A packet of one pixel of texture."""
+    return lambda wire: wire.texture(number, 0, 0, b"a")[0]
+
+
 def reply(command, data, reason=Reason.OK):
     return lambda wire: wire.reply(7, command, reason, data)
 
@@ -143,24 +148,24 @@ RECORDINGS = {
     "gaps in the numbers of packets": (lambda wire: b"".join(
         good()(Wire(sequence)) for sequence in (0, 200, 100, 0, 255)), False, 0, "packets lost."),
     "fragments off the sensor": (lambda wire: b"".join([
-        wire.texture_frame(3), wire.texture(3, 65535, 0, b"a"), wire.texture(3, 0, 65535, b"a"),
-        wire.texture(3, 511, 511, b"ab"), good()(wire)]), False, 0,
+        wire.texture_frame(3), *wire.texture(3, 1023, 1023, b"ab"),
+        *wire.texture(3, 5, 1020, bytes(9)), *wire.texture(3, 0, 1023, b"ab"), good()(wire)]),
+        False, 0,
         "! 3 image fragments dropped: they lie outside of the sensor."),
     "fragments in all corners": (lambda wire: b"".join([
-        wire.texture_frame(3), wire.texture(3, 511, 511, b"a"), wire.texture(3, 0, 0, b"a"),
+        wire.texture_frame(3), *wire.texture(3, 1023, 1023, b"a"), *wire.texture(3, 0, 0, b"a"),
         good()(wire)]), False, 0, "1 frame"),
     "fragments that nobody announced": (together(good(), lambda wire: b"".join(
-        wire.texture(9, row % 64, 0, bytes(80)) for row in range(500))), False, 0,
+        wire.texture(9, row % 64, 0, bytes(80))[0] for row in range(500))), False, 0,
         "! 500 image fragments dropped: their frames were never announced."),
-    "a fragment that nobody announced": (together(good(), lambda wire: wire.texture(9, 0, 0, b"a")),
-                                         False, 0,
+    "a fragment that nobody announced": (together(good(), pixel(9)), False, 0,
                                          "! 1 image fragment dropped: its frame was never announ"),
-    "fragments without pixels": (together(packets(0x58, [bytes(5)]), good()), False, 0,
+    "fragments without pixels": (together(packets(0x58, [bytes(4)]), good()), False, 0,
                                  "! 1 unknown packet."),
     "announced again and again": (lambda wire: good()(wire) + b"".join(
         wire.texture_frame(number & 0xFFFF) for number in range(0, 300_000, 300)), False, 0,
         "1 frame"),
-    "images only, in the dark": (lambda wire: wire.texture_frame(3) + wire.texture(3, 0, 0, b"a"),
+    "images only, in the dark": (lambda wire: wire.texture_frame(3) + pixel(3)(wire),
                                  False, 3, "no pattern came, only images without the laser"),
     "packets that are too long": (together(good(), lambda _: b"\0" + b"\xfe" * 254 + b"\0"), False,
                                   0, "! 254 octets of garbage."),

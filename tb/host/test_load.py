@@ -134,13 +134,13 @@ def test_bad_values_never_reach_the_chip(words, sentence, terminal, capsys):
 
 
 @pytest.mark.parametrize("beams, size, versions, sentence", [
-    (16, (64, 48), (6, 1), "The calibration is for a sensor of 64 x 64 pixels, the chip has one of "
+    (16, (64, 48), (7, 1), "The calibration is for a sensor of 64 x 64 pixels, the chip has one of "
      "48 x 64: calibrate this rig."),
-    (9, (64, 64), (6, 1), "The calibration has 16 beams, the chip is made for 9: calibrate this "
+    (9, (64, 64), (7, 1), "The calibration has 16 beams, the chip is made for 9: calibrate this "
      "rig."),
-    (16, (64, 64), (2, 1), "The chip speaks version 2 of the protocol, this program version 6: use "
+    (16, (64, 64), (2, 1), "The chip speaks version 2 of the protocol, this program version 7: use "
      "the program of the chip's version."),
-    (16, (64, 64), (6, 9), "The chip takes tables of version 9, this program has those of version "
+    (16, (64, 64), (7, 9), "The chip takes tables of version 9, this program has those of version "
      "1: use the program of the chip's version.")])
 def test_other_chips_are_refused(beams, size, versions, sentence, rig, tmp_path, capsys):
     """Before anything is changed; what the receiver recorded until then is kept."""

@@ -75,7 +75,8 @@ def test_load_run_receive_replay(each_terminal, rig, tmp_path, capsys):
     textures = sorted((out / "texture").iterdir())
     assert len(textures) >= 3
     for picture in [*textures, out / "texture.png"]:
-        assert np.array_equal(cv2.imread(str(picture), cv2.IMREAD_GRAYSCALE), TEXTURE)
+        seen = cv2.imread(str(picture), cv2.IMREAD_GRAYSCALE)
+        assert np.abs(seen - TEXTURE.astype(int)).max() <= 2
 
     assert run("receive", out / "link.raw", "--calibration", path, "-o", again) == 0
     assert contents(out) == contents(again)

@@ -9,6 +9,7 @@ from cobs import cobs
 from cocotb.triggers import RisingEdge
 
 from model.link.points import UNMATCHED, packets
+from model.link.texture_code import pack
 from tb.harness import Bench, clock_cycles, is_high, parameters
 from tb.link.frames import near_points, pattern_frame
 from tb.link.tb_points import words
@@ -102,14 +103,12 @@ async def everything_at_once(dut, gap, full_records, flow):
     for index, kind in enumerate(kinds):
         if kind == UNMATCHED:
             assert kinds[index - 1] == 0x51, "something came between"
-    at = 0
+    stands = (0, 0)
     for _, content in sent:
         if content[0] == 0x58:
-            row, column = (int.from_bytes(content[n:n + 2], "little") for n in (2, 4))
-            pixels = np.frombuffer(content[6:], np.uint8)
-            assert row * WIDTH + column == at
-            at = (at + len(pixels)) % (WIDTH * HEIGHT)
-            assert (images[content[1]][row, column:column + len(pixels)] == pixels).all()
+            rows = images[content[1]].tolist()
+            expected, stands, _ = pack(rows.__getitem__, HEIGHT, *stands, content[1])
+            assert content[1:] == expected
     assert kinds.count(0x58) > 5 and kinds.count(0x59) > 1
 
 

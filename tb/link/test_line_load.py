@@ -1,8 +1,11 @@
 import numpy as np
 import pytest
 
+from model.link.framer import wire_octets
 from model.link.points import PatternFrame
+from model.link.texture import TEXTURE, Texture, TextureFrame
 from tb.benchmark.line_load import octets_per_pair, points_octets, realistic_frames, refresh_seconds
+from tb.benchmark.texture_time import simulated_tissue
 from tb.link.frames import near_points
 
 
@@ -28,17 +31,21 @@ def test_361_points_leave_35_percent_of_a_line_of_1_mbaud(seed):
     assert octets <= 0.65 * octets_per_pair(1_000_000)
 
 
-def test_refresh_of_a_texture(frames):
-    """... takes as long as the octets that are left need for its packets."""
-    pair = octets_per_pair()
-    rows = 288 * (4 * (100 + 3) + 8 + 14 + 3)  # four full packets and one of 8 pixels each
-    for frame, octets in ((None, 0), (frames[0], points_octets(frames[0]))):
-        left = pair - octets - (12 + 1 + 4 + 3 + 3 + 1)  # one packet of the frame
-        expected = rows / left * 0.040
-        # At the end of what was captured rows are cut.
-        assert refresh_seconds(frame) == pytest.approx(expected, rel=0.05)
+def test_a_texture_takes_what_its_packets_need(frames):
+    image = simulated_tissue()
+    texture, octets = Texture(352, 288), 0
+    while not octets or texture.stands != (0, 0):
+        texture.frame(image, TextureFrame(), 2)
+        while (content := texture.packet()) is not None:
+            octets += wire_octets([content]) * (content[0] == TEXTURE)
+    for frame, taken in ((None, 0), (frames[0], points_octets(frames[0]))):
+        left = octets_per_pair() - taken - (12 + 1 + 4 + 3 + 3 + 1)  # one packet of the frame
+        coarse, whole = refresh_seconds(image, frame)
+        assert whole == pytest.approx(octets / left * 0.040, rel=0.1)
+        assert coarse < whole / 6
 
 
 def test_more_points_leave_less_for_texture():
+    image = np.random.default_rng(1).integers(0, 256, (64, 64), np.uint8)
     frame = PatternFrame(points=near_points(np.random.default_rng(1), 70), spots=70)
-    assert refresh_seconds(frame, 64, 64) > 2 * refresh_seconds(None, 64, 64)
+    assert refresh_seconds(image, frame)[1] > 2 * refresh_seconds(image)[1]

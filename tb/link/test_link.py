@@ -157,7 +157,7 @@ def test_other_packets():
     wire = Wire(250)
     octets = (wire.texture_frame(0x1234, skipped=3, exposure_us=9000, timestamp_us=70_000,
                                  bad_sync=4, overrun=5, flags=0xC0)
-              + wire.texture(0x1234, 287, 300, [1, 0, 255]) + wire.reply(7, 8, 9, b"\0data"))
+              + wire.texture(0x1234, 287, 300, [1, 0, 255])[0] + wire.reply(7, 8, 9, b"\0data"))
     frame, piece, reply = Decoder().events(octets)
     assert frame == TextureFrame(0x1234, 3, 9000, 70_000, 4, 5, 0xC0, 0x1234)
     assert frame.tables_valid and not frame.laser

@@ -9,6 +9,7 @@ import zlib
 import numpy as np
 
 from scripts.host.messages import POINT
+from tb.link.texture_bits import packets_of_row
 
 __all__ = ["Wire", "bits_of_check", "make_frame", "packet"]
 
@@ -174,9 +175,8 @@ class Wire:
         return packets
 
     def texture(self, number, row, column, pixels):
-        """A piece of a row of texture."""
-        return self.packet(0x58, bytes([number & 0xFF]) + row.to_bytes(2, "little")
-                           + column.to_bytes(2, "little") + bytes(pixels))
+        """Packets of a piece of a row of texture, without loss, in a list."""
+        return [self.packet(0x58, body) for body in packets_of_row(number, row, column, pixels)]
 
     def texture_frame(self, number, *, skipped=0, exposure_us=10_000, timestamp_us=0, bad_sync=0,
                       overrun=0, flags=0xC0):
@@ -199,8 +199,9 @@ def stream(rng, count, spots=40, full=False):
                              timestamp_us=40_000 * number)
         packets = wire.frame(frame, full)
         packets.append(wire.texture_frame(2 * number + 1, timestamp_us=40_000 * number + 20_000))
-        packets += [wire.texture(2 * number + 1, rng.randrange(288), 86 * rng.randrange(4),
-                                 random.Random(number).randbytes(86)) for _ in range(2)]
+        for _ in range(2):
+            packets += wire.texture(2 * number + 1, rng.randrange(288), 60 * rng.randrange(4),
+                                    random.Random(number).randbytes(60))
         frames.append(frame)
         pieces.append(packets)
     return frames, pieces

@@ -164,10 +164,7 @@ class FakeInstrument:
         if self.texture is None or not self.registers["texture_enable"]:
             return
         for _ in range(8):
-            for column in range(0, self.width, 86):
-                self._send([self._wire.texture(
-                    number, self._row, column,
-                    self.texture[self._row, column:column + 86].tobytes())])
+            self._send(self._wire.texture(number, self._row, 0, self.texture[self._row].tolist()))
             self._row = (self._row + 1) % self.height
 
     def _send(self, packets):

@@ -240,7 +240,7 @@ def test_pictures_for_a_calibration():
     seen, texture = (rng.integers(0, 256, (64, 64)).astype(np.uint8) for _ in range(2))
     dark = np.full((64, 64), 7, np.uint8)
     bench = Whole(SMALL, small(12), [seen], texture, load=False, pattern_as_texture=1,
-                  mode=Mode.PATTERN)
+                  texture_bound=0, mode=Mode.PATTERN)
     bench.light = lambda image, lit_us: image if lit_us else dark
     bench.run(2 * PERIOD_US)
     bench.commands.capture(1000)

@@ -87,7 +87,8 @@ def test_points_are_those_of_the_model(bench):
     for event in events:
         if isinstance(event, TexturePiece):
             end = event.column + len(event.pixels)
-            assert np.array_equal(event.pixels, TEXTURE[event.row, event.column:end])
+            error = event.pixels - TEXTURE[event.row, event.column:end].astype(int)
+            assert np.abs(error).max() <= 2
             whole[event.row, event.column:end] = True
     assert whole.all()
     assert all(not event.laser for event in events if isinstance(event, TextureFrame))

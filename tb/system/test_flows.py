@@ -2,6 +2,7 @@
 """The folders of `make synth-export` for vendors' tools, checked without these tools."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -54,11 +55,15 @@ def few(text, top, family):
 
 @cache
 def written(flow, preset):
-    """The folder of a flow."""
+    """The folder of a flow, written once for all workers of a run."""
     folder = ROOT / "build" / "test" / "flows" / f"{flow}-{preset}"
+    run, done = os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid())), folder.with_suffix(
+        ".run")
     with locked(folder):
-        shutil.rmtree(folder, ignore_errors=True)
-        prepare(flow, SMALL[preset], count=few).write(folder)
+        if not done.exists() or done.read_text() != run:
+            shutil.rmtree(folder, ignore_errors=True)
+            prepare(flow, SMALL[preset], count=few).write(folder)
+            done.write_text(run)
     return folder
 
 
@@ -284,7 +289,7 @@ def stubs(folder):
 def test_tops_are_clean(flow, preset, board):
     """Verilator finds nothing in a top, with the design and the vendors' cells around it."""
     prepare_environment()
-    folder = ROOT / "build" / "test" / "flows" / f"lint-{flow}-{preset}" / "verilog"
+    folder = ROOT / "build" / "test" / "flows" / f"lint-{flow}-{preset}-{board.name}" / "verilog"
     folder.mkdir(parents=True, exist_ok=True)
     core = folder / f"{TOP.name}.v"
     core.write_text(ZEROS.sub("", (written(flow, preset) / "rtl" / core.name).read_text()))

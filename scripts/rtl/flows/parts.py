@@ -107,7 +107,7 @@ BOARDS = {
     "xilinx-ise": (
         Board("xup_v2p", "XUP Virtex-II Pro Development System", "XC2VP30",
               {"family": "virtex2p", "device": "xc2vp30", "package": "ff896", "speed": "-7"},
-              100_000_000, "dcm", reset_low=True, standard="LVCMOS25", pins={
+              100_000_000, "dcm", reset_low=True, standard="LVCMOS25", unsure={
                   "clock_in": "AJ15", "reset_in": "AH5", "rx": "AJ8", "tx": "AE7",
                   "busy": "AC4"}),),
     "xilinx-vivado": (

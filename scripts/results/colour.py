@@ -2,7 +2,7 @@
 
 import numpy as np
 
-__all__ = ["colour_picture", "to_file"]
+__all__ = ["colour_picture", "spread", "to_file"]
 
 _REACH = 8
 
@@ -46,6 +46,16 @@ def colour_picture(image, came, bayer):
     grey, _ = _fill(image, came)
     grey = cv2.blur(grey, (2, 1))  # a row has two colours in turn
     return np.where(near[:, :, None], colours, grey[:, :, None])
+
+
+def spread(plane, known, reach=_REACH):
+    """The plane with unknown pixels like the nearest known one in their column, if that is near.
+
+    Gives the plane, and where it is known then: within ``reach`` rows.
+    """
+    filled, distance = _fill(plane, known)
+    near = distance <= reach
+    return np.where(near, filled, plane), near
 
 
 def to_file(picture):

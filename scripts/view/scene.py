@@ -5,6 +5,7 @@ import json
 import numpy as np
 
 from scripts.measure.surface import Surface
+from scripts.results.colour import spread
 from scripts.results.overlay import beam_segments
 from scripts.results.points import DOUBTFUL, OK, STATUS
 
@@ -94,18 +95,26 @@ def _fit(drift):
 def pack_texture(history, position):
     """The texture of a frame: length of a head, the head, pixels, and the age of each.
 
+    Rows that have not come yet are shown as the nearest one that has, within a few rows: so the
+    first pass, which has every eighth row, is a whole picture.
+
     The head is JSON. A pixel is a grey value, or red, green, blue: ``channels`` octets. Ages are in
     steps of :data:`AGE_STEP`, 255 where nothing came.
     """
     moment = history.moment(position)
     picture, when = history.picture(position)
-    known = np.isfinite(when)
+    came = np.isfinite(when)
+    known = came
+    if not came.all():
+        when, known = spread(when, came)
+        if picture.ndim == 2:
+            picture, _ = spread(picture, came)
     age = np.where(known, np.clip((moment.seconds - when) / AGE_STEP, 0, NEVER - 1), NEVER)
-    ages = moment.seconds - when[known]
+    ages = moment.seconds - when[came]
     head = json.dumps({
         "type": "texture", "frame": moment.frame.index, "width": when.shape[1],
         "height": when.shape[0], "channels": picture.size // when.size,
-        "part": round(float(known.mean()), 4),
+        "part": round(float(came.mean()), 4),
         "age": round(float(np.median(ages)), 2) if len(ages) else None}).encode()
     return (len(head).to_bytes(4, "little") + head + picture.tobytes()
             + age.astype(np.uint8).tobytes())

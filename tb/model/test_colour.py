@@ -6,7 +6,7 @@ import pytest
 from model.bayer import BAYER, channels
 from model.optics import exposure, render, scenes
 from model.optics.rigs import RIGS
-from scripts.results.colour import colour_picture, to_file
+from scripts.results.colour import colour_picture, spread, to_file
 
 EVERY = pytest.mark.parametrize("bayer", BAYER)
 WALL = (200, 90, 40)
@@ -41,6 +41,15 @@ def test_what_has_not_come_is_filled_and_never_a_wrong_colour(bayer):
     picture = colour_picture(np.where(came, image, 0), came, bayer)
     assert (picture[:16] == WALL).all()
     assert (picture[32:] == picture[32:, :, :1]).all()
+
+
+def test_rows_that_have_not_come_are_like_the_nearest_one():
+    plane, known = np.zeros((24, 2), np.uint8), np.zeros((24, 2), bool)
+    plane[3], plane[5], known[[3, 5]] = 30, 50, True
+    filled, near = spread(plane, known, 8)
+    assert (filled[:4] == 30).all() and (filled[5:14] == 50).all() and (filled[14:] == 0).all()
+    assert near[:14].all() and not near[14:].any()
+    assert not spread(plane, np.zeros_like(known))[1].any()
 
 
 @EVERY

@@ -29,7 +29,7 @@ CELLS = {
 #: Largest allowed numbers of four-input tables, multipliers and block memories.
 LIMITS = {
     "capsule": {"lut4": 5000, "mult18x18": 14, "ramb16": 19},
-    "paper": {"lut4": 11500, "mult18x18": 56, "ramb16": 124},
+    "paper": {"lut4": 11700, "mult18x18": 56, "ramb16": 124},
     "instrument": {"lut4": 7400, "mult18x18": 14, "ramb16": 20},
     "labelling": {"lut4": 1500, "ramb16": 6},
 }

@@ -119,7 +119,7 @@ class Imager:
             raise ValueError(f"A pixel that is full at {full_well:g} levels above {dark:g} never "
                              "reaches level 255")
         self.noise, self.dark, self.full_well = noise, dark, full_well
-        self._random = np.random.default_rng(seed)
+        self.draw_from(seed)
         self.look(light)
 
     @classmethod
@@ -139,6 +139,10 @@ class Imager:
             if not np.isfinite(levels).all() or (levels < 0).any():
                 raise ValueError(f"The {name} light must not be negative")
         self.light = light
+
+    def draw_from(self, seed):
+        """Draw the noise of the next images from this seed on."""
+        self._random = np.random.default_rng(seed)
 
     def expose(self, integrated_us, lit_us):
         """The image after an integration of the given length.

@@ -27,7 +27,7 @@ _COUNTS = ("spots", "ok", "noise", "ambiguous", "rejected", "dropped", "unlisted
 _TEXTURE_OCTETS = sum(field.bits for field in TEXTURE_FIELDS) // 8
 _TRAILER_OCTETS = sum(field.bits for field in TRAILER_FIELDS) // 8
 #: Frames that may come after a later one, and how late, in microseconds.
-_LATE_FRAMES, _LATE_US = 16, 2_000_000
+_LATE_FRAMES, _LATE_US = 64, 2_000_000
 #: Points of a frame, at most: the counts of the trailer have 16 bits.
 _MOST_POINTS = 1 << 16
 

@@ -99,6 +99,7 @@ class Recorder:
         self.seen = set()
         self.orphans = 0
         self._lit = {}  # of the last texture frames, by index
+        self._begin = None  # index of the first frame of which anything was told
         self._early = []  # fragments that came before their frame was announced
         self._written = set()
         try:
@@ -123,6 +124,8 @@ class Recorder:
         UserError
             If the points cannot be understood, or the calibration is of another sensor.
         """
+        if self._begin is None and isinstance(event, (Frame, TextureFrame)):
+            self._begin = event.index
         if isinstance(event, Frame):
             if not event.joined:
                 self._frame(event)
@@ -180,7 +183,8 @@ class Recorder:
             if fragment.index in self._lit:
                 self._add(fragment, "pattern" if self._lit[fragment.index] else "texture")
             else:
-                self.orphans += 1
+                # One from before the recording began is no loss.
+                self.orphans += self._begin is None or fragment.index >= self._begin
         self._early = []
 
     def _add(self, fragment, kind):

@@ -59,7 +59,8 @@ class Emulator:
             light(rig, scene, np.random.default_rng([seed, _LIGHT, number]), self._conditions,
                   number)
             for number, scene in enumerate(shown)), strict=True)
-        self._imager = Imager(self._light[0], rig.noise, [seed, _NOISE])
+        self._noise_seed = seed, _NOISE
+        self._imager = Imager(self._light[0], rig.noise, self._noise_seed)
         self.count, self.shown = 0, []
         self._record, self._keep = record, keep
         self.scene = None
@@ -80,6 +81,10 @@ class Emulator:
         if lit_us:
             self.scene = 0 if self.scene is None else self.scene + 1
             self._imager.look(self._light[self.scene % len(self._light)])
+        # The same for a scene however many frames came before the first lit one: that depends on
+        # how fast the host is.
+        number = 0 if self.scene is None else self.scene + 1
+        self._imager.draw_from([*self._noise_seed, number, int(lit_us > 0)])
         image = self._imager.expose(integrated_us, lit_us)
         scene = self.scene if lit_us else None
         if self._record is not None and scene is not None:

@@ -103,7 +103,7 @@ REFUSED = {
     "pgm many digits": (b"P5\n" + b"9" * 5000 + b" 288\n255\n", _DAMAGED),
     "pgm 100000 x 100000": (b"P5\n100000 100000\n255\n", "far more pixels"),
     "pgm 16 bits": (b"P5\n352 288\n65535\n" + bytes(2 * 352 * 288), "has 16 bits"),
-    "large": (_file("PNG") + bytes(8_000_000), "octets, more than the"),
+    "large": (_file("PNG") + bytes(17_000_000), "octets, more than the"),
 }
 #: Octets of images that are good, however they look.
 ACCEPTED = {

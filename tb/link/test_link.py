@@ -443,3 +443,13 @@ def test_long_recordings():
     decoder.events(octets)
     took = time.perf_counter() - begin
     assert took < 30, f"{took:.1f} s"
+
+
+@pytest.mark.parametrize("behind", [0, 1, 17, 60])
+def test_texture_may_come_long_after_its_frame(behind):
+    """Its packets wait in the chip while frames go on: their 8 bits of a number are of the past."""
+    wire, decoder = Wire(), Decoder()
+    for number in range(0, 400, 2):
+        decoder.feed(b"".join(wire.frame(make_frame(np.zeros(0, POINT), number))))
+    (piece,) = decoder.events(wire.texture(398 - behind, 3, 0, [1, 2, 3])[0])
+    assert (piece.index, piece.row, piece.pixels.tolist()) == (398 - behind, 3, [1, 2, 3])

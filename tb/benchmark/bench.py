@@ -227,15 +227,18 @@ def link(console):
 def texture(console):
     """Seconds until a texture has been sent, beside the points of every frame."""
     from tb.benchmark import texture_time
-    what, images = texture_time.pictures()
+    what, grey = texture_time.pictures()
+    _, mosaics = texture_time.pictures(mosaic=True)
     table = _table(f"Time to send a texture of 352 x 288 at 25 pairs/s, bound as in "
                    f"`texture_bound`: {what}", "beside", "baud", "bound", "coarse, mean", "most",
                    "whole, mean", "most")
     for rig, beams, baud in texture_time.LINES:
         frame = texture_time.longest_frame(rig, beams)
-        cases = [(f"{beams} points", frame, bound) for bound in (0, 2, 4)]
-        for name, beside, bound in [*cases, ("nothing", None, 2)]:
-            times = texture_time.measure(images, beside, baud, bound)
+        name = f"{beams} points"
+        cases = [(name, frame, bound, False) for bound in (0, 2, 4)]
+        for name, beside, bound, mosaic in [*cases, ("nothing", None, 2, False), *(
+                (f"{name}, colour", frame, bound, True) for bound in (2, 4))]:
+            times = texture_time.measure(mosaics if mosaic else grey, beside, baud, bound, mosaic)
             table.add_row(name, f"{baud:,}", str(bound), *(
                 f"{seconds:.2f} s" for seconds in (times.coarse.mean(), times.coarse.max(),
                                                    times.whole.mean(), times.whole.max())))

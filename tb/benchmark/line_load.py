@@ -60,7 +60,7 @@ def points_octets(frame):
     return wire_octets([content for content in packets(frame) if content[0] != UNMATCHED])
 
 
-def refresh_seconds(image, frame=None, baud=BAUD, pair_s=PAIR_S, bound=2):
+def refresh_seconds(image, frame=None, baud=BAUD, pair_s=PAIR_S, bound=2, mosaic=False):
     """Times until a coarse texture, of every eighth row, and the whole of it have been sent.
 
     The packets of ``frame`` (None: none, not even a trailer) are queued a third of the way through
@@ -70,7 +70,7 @@ def refresh_seconds(image, frame=None, baud=BAUD, pair_s=PAIR_S, bound=2):
     Parameters
     ----------
     image : array (height, width) of uint8
-        What all texture frames show.
+        What all texture frames show; with ``mosaic``, through colour filters.
     frame : :class:`model.link.points.PatternFrame`, optional
         The pattern frame of every pair.
     baud : :class:`int`
@@ -101,7 +101,7 @@ def refresh_seconds(image, frame=None, baud=BAUD, pair_s=PAIR_S, bound=2):
             next_points += pair_s
         if time >= next_texture:
             if texture.takes():
-                texture.frame(image, TextureFrame(), bound)
+                texture.frame(image, TextureFrame(), bound, mosaic)
             next_texture += pair_s
             begun = time if begun is None else begun
         content = queue.pop(0) if queue else texture.packet()

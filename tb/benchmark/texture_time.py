@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from model.bayer import channels
 from scripts.paths import ROOT
 from tb.benchmark import line_load
 
@@ -28,22 +29,32 @@ class Times:
     whole: np.ndarray
 
 
-def pictures():
-    """What the pictures are, and a list of arrays (288, 352) of uint8."""
+def pictures(mosaic=False):
+    """What the pictures are, and a list of arrays (288, 352) of uint8.
+
+    With ``mosaic``, they are seen through colour filters, RGGB.
+    """
     paths = sorted(_FOLDER.glob("*.png"))
-    if paths:
-        return f"{len(paths)} pictures of {_FOLDER}", [
-            cv2.resize(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), _SIZE) for path in paths]
-    return "simulated tissue", [simulated_tissue(seed) for seed in range(4)]
+    if not paths:
+        return "simulated tissue", [simulated_tissue(seed, mosaic) for seed in range(4)]
+    what = f"{len(paths)} pictures of {_FOLDER}"
+    if not mosaic:
+        return what, [cv2.resize(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), _SIZE)
+                      for path in paths]
+    site = channels("RGGB", *_SIZE[::-1])[:, :, None]
+    return what, [np.take_along_axis(
+        cv2.resize(cv2.imread(str(path), cv2.IMREAD_COLOR), _SIZE)[:, :, ::-1], site, axis=2)[
+            :, :, 0] for path in paths]
 
 
-def simulated_tissue(seed=1):
+def simulated_tissue(seed=1, mosaic=False):
     """A texture as the rig ``endoscope`` sees it."""
     from model.optics import render, scenes
     from model.optics.rigs import RIGS
     rng = np.random.default_rng(seed)
-    scene, = scenes.sequence("tissue", RIGS["endoscope"], 1, rng)
-    return render.texture_frame(RIGS["endoscope"], scene, rng)
+    rig = RIGS["endoscope"].with_filters("RGGB" if mosaic else None)
+    scene, = scenes.sequence("tissue", rig, 1, rng)
+    return render.texture_frame(rig, scene, rng)
 
 
 def longest_frame(rig, beams):
@@ -53,7 +64,8 @@ def longest_frame(rig, beams):
     return max(frames, key=line_load.points_octets)
 
 
-def measure(images, frame, baud, bound):
+def measure(images, frame, baud, bound, mosaic=False):
     """:class:`Times` of images beside the points of ``frame``, or None, in every pair."""
     return Times(*np.transpose([
-        line_load.refresh_seconds(image, frame, baud, bound=bound) for image in images]))
+        line_load.refresh_seconds(image, frame, baud, bound=bound, mosaic=mosaic)
+        for image in images]))

@@ -16,10 +16,9 @@ from hdl.export import flat_ports
 from hdl.protocol import REMAP, tables
 from model.errors import UserError
 from scripts.rtl.blocks import TOP, present
-from scripts.rtl.flows.make import TooSmallError, choose, describe, prepare
+from scripts.rtl.flows.make import TooSmallError, choose, describe, design, prepare
 from scripts.rtl.flows.parts import FLOWS, PARTS, boards_of
 from scripts.rtl.synthesis import synthesise
-from scripts.rtl.timing import plan
 from scripts.rtl.verilog import memories, ports, verilog
 
 __all__ = ["export", "generic", "write_tables"]
@@ -223,8 +222,12 @@ def generic(folder, config, progress=lambda block: None, settings=None):
     texts, held = [], []
     for block in present():
         chosen = config if block == TOP else other[block.preset]
-        component = block.component(chosen)
-        text = verilog(component, block.name)
+        if block == TOP:
+            component, text, timing = design(chosen)
+            (folder / "CROSSINGS.md").write_text(crossing_table(timing))
+        else:
+            component = block.component(chosen)
+            text = verilog(component, block.name)
         texts.append((block, component, text))
         (folder / "verilog" / f"{block.name}.v").write_text(text)
         if block.twin:
@@ -233,9 +236,6 @@ def generic(folder, config, progress=lambda block: None, settings=None):
         for memory in held[-1][1]:
             if any(memory.words):
                 (folder / "memory" / memory.file_name).write_text(hexadecimal(memory))
-        if block == TOP:
-            timing = plan(block.component(chosen), text, TOP.name)
-            (folder / "CROSSINGS.md").write_text(crossing_table(timing))
         progress(block)
     (folder / "PORTS.md").write_text(port_table(texts))
     (folder / "MEMORIES.md").write_text(memory_table(held))

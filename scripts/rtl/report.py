@@ -58,7 +58,7 @@ def write(figures, file=FIGURES):
 
 def compare(figures, before):
     """A sentence for each figure that differs from that of before; and the keys without one."""
-    told, new = [], []
+    differing, new = [], []
     for key, used in figures.items():
         for resource, figure in used.items():
             old = before.get(key, {}).get(resource)
@@ -67,8 +67,9 @@ def compare(figures, before):
                 continue
             slack = SLACK if resource in ("lut", "ff") else 0
             if abs(figure - old) > max(TOLERANCE * old, slack):
-                told.append(f"{key[0]} for {key[1]}: {resource} is {figure:g}, it was {old:g}")
-    return told, new
+                differing.append(
+                    f"{key[0]} for {key[1]}: {resource} is {figure:g}, it was {old:g}")
+    return differing, new
 
 
 def shares(used, part):
@@ -183,9 +184,10 @@ def main(arguments=None):
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("Synthesis", total=len(designs) * len(chosen))
         for name, make in designs:
+            top = re.split(r"\W", name)[0]
+            texts = {hz: verilog(make(hz), top) for hz in {CLOCKS[family] for family in chosen}}
             for family in chosen:
-                top = re.split(r"\W", name)[0]
-                text = verilog(make(CLOCKS[family]), top)
+                text = texts[CLOCKS[family]]
                 parts = [part for part in PARTS.values() if part.family == family]
                 short = [lacks_bits(part, memory_bits(text)) for part in parts]
                 try:

@@ -191,12 +191,14 @@ def _pin_clocks(component, graph, pins):
 
 def mark_registers(text, top, timing):
     """``text`` with the attributes of synchronisers and of the laser guard's registers."""
-    known = registers(text, top)
+    known, bodies = registers(text, top), modules(text)
+    marked = dict(bodies)
     for names, attributes in ((timing.guard, GUARD), (timing.synchronisers, SYNCHRONISER)):
         for name in names:
             module, register = known[name][0], name.rpartition(".")[2]
-            body = modules(text)[module]
-            marked = re.sub(rf"^  (reg (?:signed )?(?:\[\d+:0\] )?{register}(?: *[=;]))",
-                            rf"  (* {attributes} *)\n  \1", body, count=1, flags=re.M)
-            text = text.replace(body, marked)
+            marked[module] = re.sub(
+                rf"^  (reg (?:signed )?(?:\[\d+:0\] )?{register}(?: *[=;]))",
+                rf"  (* {attributes} *)\n  \1", marked[module], count=1, flags=re.M)
+    for module, body in bodies.items():
+        text = text.replace(body, marked[module])
     return text

@@ -33,22 +33,66 @@ def _loose_pins(timing):
     return timing.inputs.get(None, ()) + timing.outputs.get(None, ())
 
 
-def _sites(board, ports, timing):
-    """For each bit of each pin its name, its site or None, and whether the site is sure."""
+def _sites(board, ports, timing, comment="  # "):
+    """For each bit of each pin its name, its site, a mark before a line that is none yet, and what
+    is said behind it."""
     for pin, (_, width) in board_pins(ports, timing).items():
-        sure = pin in board.pins
+        mark = "" if pin in board.pins else "# "
         site = board.pins.get(pin, board.unsure.get(pin))
         for bit in range(width):
+            name = pin if width == 1 else f"{pin}[{bit}]"
             where = site[bit] if isinstance(site, list) else site
-            yield (pin if width == 1 else f"{pin}[{bit}]"), where, sure
+            yield name, where or "SITE", mark, "" if where else f"{comment}{name} {_PLACE}"
+
+
+def _is_vector(ports, timing, pin):
+    return board_pins(ports, timing)[pin][1] > 1
+
+
+# Tcl of Vivado and Libero ---------------------------------------------------------------------
+
+def _tcl_port(ports, timing, pin):
+    return f"[get_ports {{{pin}{'[*]' if _is_vector(ports, timing, pin) else ''}}}]"
+
+
+def _tcl_loose_pins(timing):
+    return [f"set_false_path {'-from' if pin in timing.inputs.get(None, ()) else '-to'} "
+            f"[get_ports {{{pin}}}]" for pin in _loose_pins(timing)]
+
+
+def _tcl_crossings(timing, suffix, bounded):
+    """Limits between clocks, and those of single crossings.
+
+    ``suffix`` stands behind the names of registers; ``bounded`` makes a command of nanoseconds and
+    two ends.
+    """
+    def cells(named):
+        return "[get_cells {" + " ".join(
+            f"{CORE}/{name.replace('.', '/')}{suffix}{'[*]' if width > 1 else ''}"
+            for name, width in named) + "}]"
+
+    lines = ["", "# Between clocks: bounded wherever no line below says otherwise"]
+    lines += [bounded(ns, f"[get_clocks {{{a}}}]", f"[get_clocks {{{b}}}]")
+              for (a, b), ns in timing.bounds.items()]
+    for number, one in enumerate(timing.exceptions, 1):
+        lines += ["", f"# Crossing {number}: {one.title}"]
+        if not one.destinations:
+            lines.append("#   memory: the bound between both clocks")
+            continue
+        if one.pin and one.pin.endswith("rst"):
+            register = reset_registers(timing)[one.pin.replace("rst", "clk")]
+            source = f"[get_cells {{{register}{suffix}[1]}}]"
+        elif one.pin:
+            source = f"[get_ports {{{one.pin}}}]"
+        else:
+            source = cells(one.sources)
+        to = cells(one.destinations)
+        lines.append(f"set_false_path -from {source} -to {to}" if one.ns is None
+                     else bounded(one.ns, source, to))
+    return lines
 
 
 # Vivado ---------------------------------------------------------------------------------------
-
-def _xdc_cells(named):
-    return " ".join(f"{CORE}/{name.replace('.', '/')}_reg{'[*]' if width > 1 else ''}"
-                    for name, width in named)
-
 
 def xdc(board, ports, timing):
     """Constraints for Vivado."""
@@ -63,33 +107,16 @@ def xdc(board, ports, timing):
             lines.append(f"create_clock -name {clock} -period {period:.3f} [get_ports {{{clock}}}]")
     lines += ["", "# Pins"]
     for pin, clock, direction, ns in _delays(timing):
-        ports_of = f"[get_ports {{{pin}{'[*]' if _width(ports, timing, pin) > 1 else ''}}}]"
         lines += [f"set_{direction}_delay -clock [get_clocks {{{clock}}}] -{limit} {value:.3f} "
-                  f"-add_delay {ports_of}"
+                  f"-add_delay {_tcl_port(ports, timing, pin)}"
                   for limit, value in (("max", ns), ("min", 0))]
-    lines += [f"set_false_path {'-from' if pin in timing.inputs.get(None, ()) else '-to'} "
-              f"[get_ports {{{pin}}}]" for pin in _loose_pins(timing)]
+    lines += _tcl_loose_pins(timing)
     lines += ["", "# Resets begin at any time; the last flip-flop of each ends in step.",
               "set_false_path -from [get_ports {reset_in}]"]
     lines += [f"set_false_path -through [get_pins {{{register}_reg[*]/PRE}}]"
               for register in reset_registers(timing).values()]
-    lines += ["", "# Between clocks: bounded wherever no line below says otherwise"]
-    lines += [f"set_max_delay -datapath_only -from [get_clocks {{{a}}}] -to [get_clocks {{{b}}}] "
-              f"{ns:.3f}" for (a, b), ns in timing.bounds.items()]
-    for number, one in enumerate(timing.exceptions, 1):
-        lines += ["", f"# Crossing {number}: {one.title}"]
-        to = f"[get_cells {{{_xdc_cells(one.destinations)}}}]"
-        if not one.destinations:
-            lines.append("#   memory: the bound between both clocks")
-        elif one.pin and one.pin.endswith("rst"):
-            source = reset_registers(timing)[one.pin.replace("rst", "clk")]
-            lines.append(f"set_false_path -from [get_cells {{{source}_reg[1]}}] -to {to}")
-        elif one.pin:
-            lines.append(f"set_false_path -from [get_ports {{{one.pin}}}] -to {to}")
-        else:
-            source = f"[get_cells {{{_xdc_cells(one.sources)}}}]"
-            lines.append(f"set_false_path -from {source} -to {to}" if one.ns is None else
-                         f"set_max_delay -datapath_only -from {source} -to {to} {one.ns:.3f}")
+    lines += _tcl_crossings(timing, "_reg", lambda ns, source, to: (
+        f"set_max_delay -datapath_only -from {source} -to {to} {ns:.3f}"))
     settling = " ".join(f"{CORE}/{name.replace('.', '/')}_reg*" for name in timing.synchronisers)
     lines += ["", "# Synchronisers stay pairs of flip-flops, side by side",
               f"set_property ASYNC_REG TRUE [get_cells {{{settling}}}]",
@@ -98,16 +125,10 @@ def xdc(board, ports, timing):
               f"set_property DONT_TOUCH TRUE [get_cells {{{CORE}/laser_guard}}]",
               "", "# The laser's register stands in its I/O cell",
               f"set_property IOB TRUE [get_cells {{{LASER}_reg}}]", "", "# Sites"]
-    for pin, site, sure in _sites(board, ports, timing):
-        mark = "" if sure else "# "
-        note = "" if site else f"  ;# {pin} {_PLACE}"
-        lines.append(f"{mark}set_property PACKAGE_PIN {site or 'SITE'} [get_ports {{{pin}}}]{note}")
+    for pin, site, mark, note in _sites(board, ports, timing, "  ;# "):
+        lines.append(f"{mark}set_property PACKAGE_PIN {site} [get_ports {{{pin}}}]{note}")
     lines.append(f"set_property IOSTANDARD {board.standard} [get_ports *]")
     return "\n".join([*lines, ""])
-
-
-def _width(ports, timing, pin):
-    return board_pins(ports, timing)[pin][1]
 
 
 # ISE ------------------------------------------------------------------------------------------
@@ -128,7 +149,7 @@ def ucf(board, ports, timing):
                   f'TIMESPEC "TS_{clock}" = PERIOD "{clock}" {period:.3f} ns HIGH 50%;']
     lines += ["", "# Pins"]
     for pin, clock, direction, ns in _delays(timing):
-        pad = f'{pin}<*>' if _width(ports, timing, pin) > 1 else pin
+        pad = f'{pin}<*>' if _is_vector(ports, timing, pin) else pin
         group = f"pads_{direction}_{clock}_{'memory' if pin.startswith('pins_') else 'other'}"
         lines.append(f'NET "{pad}" TNM = "{group}";')
         path = (f'FROM "{group}" TO "{clock}"' if direction == "input"
@@ -159,21 +180,14 @@ def ucf(board, ports, timing):
         lines.append(f'TIMESPEC "TS_{number}" = FROM "{source}" TO "to_{number}" {limit};')
     lines += ["", "# The laser's register stands in its I/O cell",
               f'INST "{LASER}" IOB = TRUE;', "", "# Sites"]
-    for pin, site, sure in _sites(board, ports, timing):
+    for pin, site, mark, note in _sites(board, ports, timing):
         pad = pin.replace("[", "<").replace("]", ">")
-        mark = "" if sure else "# "
-        note = "" if site else f"  # {pin} {_PLACE}"
-        lines.append(f'{mark}NET "{pad}" LOC = "{site or "SITE"}" | IOSTANDARD = '
+        lines.append(f'{mark}NET "{pad}" LOC = "{site}" | IOSTANDARD = '
                      f'"{board.standard}";{note}')
     return "\n".join([*lines, ""])
 
 
 # Libero ---------------------------------------------------------------------------------------
-
-def _sdc_cells(named):
-    return " ".join(f"{CORE}/{name.replace('.', '/')}{'[*]' if width > 1 else ''}"
-                    for name, width in named)
-
 
 def sdc(board, ports, timing):
     """Timing constraints for Libero: Synplify and SmartTime."""
@@ -191,42 +205,22 @@ def sdc(board, ports, timing):
                          f"[get_ports {{{clock}}}]")
     lines += ["", "# Pins"]
     for pin, clock, direction, ns in _delays(timing):
-        ports_of = f"[get_ports {{{pin}{'[*]' if _width(ports, timing, pin) > 1 else ''}}}]"
-        lines += [f"set_{direction}_delay -{limit} {value:.3f} -clock {{{clock}}} {ports_of}"
-                  for limit, value in (("max", ns), ("min", 0))]
-    lines += [f"set_false_path {'-from' if pin in timing.inputs.get(None, ()) else '-to'} "
-              f"[get_ports {{{pin}}}]" for pin in _loose_pins(timing)]
+        lines += [f"set_{direction}_delay -{limit} {value:.3f} -clock {{{clock}}} "
+                  f"{_tcl_port(ports, timing, pin)}" for limit, value in (("max", ns), ("min", 0))]
+    lines += _tcl_loose_pins(timing)
     lines += ["", "# Resets begin at any time.", "set_false_path -from [get_ports {reset_in}]"]
-    lines += ["", "# Between clocks: bounded wherever no line below says otherwise"]
-    lines += [f"set_max_delay {ns:.3f} -from [get_clocks {{{a}}}] -to [get_clocks {{{b}}}]"
-              for (a, b), ns in timing.bounds.items()]
-    for number, one in enumerate(timing.exceptions, 1):
-        lines += ["", f"# Crossing {number}: {one.title}"]
-        if not one.destinations:
-            lines.append("#   memory: the bound between both clocks")
-            continue
-        to = f"[get_cells {{{_sdc_cells(one.destinations)}}}]"
-        if one.pin and one.pin.endswith("rst"):
-            register = reset_registers(timing)[one.pin.replace("rst", "clk")]
-            source = f"[get_cells {{{register}[1]}}]"
-        elif one.pin:
-            source = f"[get_ports {{{one.pin}}}]"
-        else:
-            source = f"[get_cells {{{_sdc_cells(one.sources)}}}]"
-        lines.append(f"set_false_path -from {source} -to {to}" if one.ns is None else
-                     f"set_max_delay {one.ns:.3f} -from {source} -to {to}")
+    lines += _tcl_crossings(timing, "", lambda ns, source, to: (
+        f"set_max_delay {ns:.3f} -from {source} -to {to}"))
     return "\n".join([*lines, ""])
 
 
 def pdc(board, ports, timing):
     """Sites of pins for Libero."""
-    lines = [f"# {_HEAD}", "# Sites that one public source gives are comments: compare them with "
-             "your board's schematic."]
+    lines = [f"# {_HEAD}", "# Sites that are comments are not sure: compare them with your board's "
+             "schematic."]
     flash = board.device["family"] == "ProASIC3E"
-    for pin, site, sure in _sites(board, ports, timing):
-        mark = "" if sure else "# "
-        note = "" if site else f"  ;# {pin} {_PLACE}"
-        lines.append(f"{mark}set_io {{{pin}}} -pinname {site or 'SITE'} -fixed yes "
+    for pin, site, mark, note in _sites(board, ports, timing, "  ;# "):
+        lines.append(f"{mark}set_io {{{pin}}} -pinname {site} -fixed yes "
                      f"-iostd {board.standard}{note}")
     lines += ["", "# The laser's register stands in its I/O cell"]
     lines += ["set_io {laser} -register yes"] if flash else [
@@ -252,9 +246,7 @@ def lpf(board, ports, timing):
         limit = "any time" if one.ns is None else f"{one.ns:.3f}"
         lines.append(f"# Crossing {number}: {one.title}: {limit}")
     lines += ["", "# Sites"]
-    for pin, site, sure in _sites(board, ports, timing):
-        mark = "" if sure else "# "
-        note = "" if site else f"  # {pin} {_PLACE}"
-        lines += [f'{mark}LOCATE COMP "{pin}" SITE "{site or "SITE"}";{note}',
+    for pin, site, mark, note in _sites(board, ports, timing):
+        lines += [f'{mark}LOCATE COMP "{pin}" SITE "{site}";{note}',
                   f'IOBUF PORT "{pin}" IO_TYPE={board.standard};']
     return "\n".join([*lines, ""])

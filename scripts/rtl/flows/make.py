@@ -8,13 +8,14 @@ from hdl.instrument import Instrument
 from model.errors import UserError
 from scripts.rtl.blocks import TOP
 from scripts.rtl.flows import projects
+from scripts.rtl.flows.board_top import board_top
 from scripts.rtl.flows.parts import BOARDS, FLOWS, PARTS, boards_of, lacks, lacks_bits
 from scripts.rtl.flows.readme import page
 from scripts.rtl.synthesis import synthesise
 from scripts.rtl.timing import mark_registers, plan
 from scripts.rtl.verilog import memory_bits, ports, verilog
 
-__all__ = ["Flow", "TooSmallError", "choose", "describe", "prepare"]
+__all__ = ["Flow", "TooSmallError", "choose", "describe", "design", "prepare"]
 
 _PROJECTS = {"xilinx-ise": projects.ise, "xilinx-vivado": projects.vivado,
              "libero": projects.libero, "lattice-ecp5": projects.ecp5}
@@ -51,10 +52,11 @@ def describe(config):
 
 
 @lru_cache(maxsize=4)
-def _design(config, make):
-    """The Verilog of a design, what it needs of timing, and its ports."""
-    text = verilog(make(config), TOP.name)
-    return text, plan(make(config), text, TOP.name), ports(text, TOP.name)
+def design(config, make=Instrument):
+    """The design of a configuration, its Verilog, and what it needs of timing."""
+    component = make(config)
+    text = verilog(component, TOP.name)
+    return component, text, plan(make(config), text, TOP.name)
 
 
 class Flow:
@@ -105,7 +107,8 @@ def prepare(name, config, part=None, make=Instrument, count=synthesise):
         known = ", ".join(dict.fromkeys(board.part for board in BOARDS[name]))
         raise UserError(f"The flow {name} has no part {part!r}; it has {known}.")
     config = replace(config, clock_hz=FLOWS[name])
-    text, timing, found = _design(config, make)
+    _, text, timing = design(config, make)
+    found = ports(text, TOP.name)
     bits = memory_bits(text)
     short = {board.name: lacks_bits(PARTS[board.part], bits) for board in boards}
     used = {family: count(text, TOP.name, family) for family in dict.fromkeys(
@@ -119,7 +122,9 @@ def prepare(name, config, part=None, make=Instrument, count=synthesise):
     files = {f"rtl/{TOP.name}.v": mark_registers(text, TOP.name, timing)}
     shares = {}
     for board in fitting:
-        files |= _PROJECTS[name](board, found, timing, TOP.name, [f"rtl/{TOP.name}.v"])
+        sources = [f"rtl/{TOP.name}.v", f"rtl/{board.name}.v"]
+        files[sources[1]] = board_top(board, found, timing, TOP.name)
+        files |= _PROJECTS[name](board, found, timing, sources)
         chip = PARTS[board.part]
         shares[board.name] = {
             resource: chip.share(resource, used[chip.family][resource])

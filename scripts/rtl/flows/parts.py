@@ -68,7 +68,7 @@ class Board:
     pins : dict
         Sites by pin; a vector has one for each bit.
     unsure : dict
-        Sites that one public source gives; they are written as comments.
+        Sites that are to be compared with the board's schematic; they are written as comments.
     """
 
     name: str

@@ -3,7 +3,6 @@
 from string import Template
 
 from scripts.rtl.flows import constraints
-from scripts.rtl.flows.board_top import board_top
 
 __all__ = ["ecp5", "ise", "libero", "vivado"]
 
@@ -62,13 +61,11 @@ project close
 """
 
 
-def ise(board, ports, timing, top, sources):
-    """Files of a project for ISE 10.1; ``sources`` are those of the design, relative to it."""
-    files = [*sources, f"rtl/{board.name}.v"]
+def ise(board, ports, timing, files):
+    """Files of a project for ISE 10.1; ``files`` are those of the design and its top."""
     values = {"board": board.name, "files": " ".join(files), **board.device}
     kinds = {".v": "verilog", ".vhd": "vhdl"}
     return {
-        f"rtl/{board.name}.v": board_top(board, ports, timing, top),
         f"{board.name}.prj": "".join(
             f'{kinds[file[file.rindex("."):]]} work "{file}"\n' for file in files),
         f"{board.name}.xst": _fill(_XST, **values),
@@ -113,14 +110,12 @@ set_property STEPS.SYNTH_DESIGN.ARGS.KEEP_EQUIVALENT_REGISTERS true [get_runs sy
 """
 
 
-def vivado(board, ports, timing, top, sources):
+def vivado(board, ports, timing, files):
     """Files of a project for Vivado."""
-    files = [*sources, f"rtl/{board.name}.v"]
     values = {"board": board.name, "files": " ".join(files), **board.device,
               "verilog": " ".join(file for file in files if file.endswith(".v")),
               "vhdl": " ".join(file for file in files if file.endswith(".vhd"))}
     return {
-        f"rtl/{board.name}.v": board_top(board, ports, timing, top),
         f"{board.name}.xdc": constraints.xdc(board, ports, timing),
         f"{board.name}.tcl": _fill(_VIVADO, **values),
         f"{board.name}_project.tcl": _fill(_VIVADO_PROJECT, **values)}
@@ -174,14 +169,12 @@ run_tool -name {VERIFYTIMING}
 """
 
 
-def libero(board, ports, timing, top, sources):
+def libero(board, ports, timing, files):
     """Files of a project for Libero."""
     flash = board.device["family"] == "ProASIC3E"
-    files = [*sources, f"rtl/{board.name}.v"]
     values = {"board": board.name, "files": " ".join(files), **board.device,
               "enhanced": "" if flash else " -use_enhanced_constraint_flow 1"}
     made = {
-        f"rtl/{board.name}.v": board_top(board, ports, timing, top),
         f"{board.name}.sdc": constraints.sdc(board, ports, timing),
         f"{board.name}.pdc": constraints.pdc(board, ports, timing),
         f"{board.name}.tcl": _fill(_LIBERO_HEAD, **values) + _fill(
@@ -279,12 +272,9 @@ if __name__ == "__main__":
 '''
 
 
-def ecp5(board, ports, timing, top, sources):
+def ecp5(board, ports, timing, files):
     """Files of a project for yosys and nextpnr."""
-    files = [*sources, f"rtl/{board.name}.v"]
-
     return {
-        f"rtl/{board.name}.v": board_top(board, ports, timing, top),
         f"{board.name}.lpf": constraints.lpf(board, ports, timing),
         f"{board.name}.mk": _fill(_MAKEFILE, board=board.name, files=" ".join(files),
                                   **board.device),

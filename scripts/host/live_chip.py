@@ -4,6 +4,7 @@ import queue
 import threading
 import time
 from concurrent.futures import Future
+from contextlib import suppress
 
 from hdl.protocol import Mode
 from model.errors import UserError
@@ -27,6 +28,11 @@ ACTIONS = {
     "pattern-only": "The chip takes patterns only.",
     "pattern-images": "The chip sends patterns as images, without points.",
     "clear": "The laser guard is cleared.", "set": "Written"}
+
+
+def _fault(error):
+    return (f"This program has a fault ({type(error).__name__}: {error}): start it again; the "
+            "recording keeps what came.")
 
 
 class LiveChip(PortOwner):
@@ -119,17 +125,16 @@ class LiveChip(PortOwner):
         try:
             self._serve()
         except Exception as error:
-            self.trouble = (f"This program has a fault ({type(error).__name__}: {error}): start it "
-                            "again; the recording keeps what came.")
-            self._failed = True
+            self.trouble, self._failed = _fault(error), True
             self._refuse_jobs()
             self._changed()
             raise
 
     def _refuse_jobs(self):
         """Nobody is left to do them."""
-        while not self._jobs.empty():
-            self._jobs.get()[0].set_exception(UserError(self.trouble))
+        with suppress(queue.Empty):
+            while True:
+                self._jobs.get_nowait()[0].set_exception(UserError(self.trouble))
 
     def _serve(self):
         due = 0.0
@@ -206,7 +211,7 @@ class LiveChip(PortOwner):
         except UserError as error:
             future.set_exception(error)
         except Exception as error:
-            future.set_exception(UserError(f"This program has a fault: {error}"))
+            future.set_exception(UserError(_fault(error)))
             raise
         finally:
             self.doing = None

@@ -131,7 +131,6 @@ class LoadPlan:
                                    else REGISTERS["texture_bound"].reset)
         if self.calibration is not None:
             self.chosen.setdefault("texture_mosaic", int(self.calibration.bayer is not None))
-        if self.calibration is not None:
             stop(commands)
             self.tables = "incomplete"
             load(commands, self.calibration, progress)

@@ -99,7 +99,7 @@ class Recorder:
         self.seen = set()
         self.orphans = 0
         self._lit = {}  # of the last texture frames, by index
-        self._begin = None  # index of the first frame of which anything was told
+        self._begin = None  # index of the first frame of which anything came
         self._early = []  # fragments that came before their frame was announced
         self._written = set()
         try:

@@ -178,8 +178,7 @@ def write_ply(path, points, columns, source):
 class CloudFiles:
     """Points of frames as they come, with the colours that the picture has then.
 
-    The newest frame gets the picture as it is when the next one comes, or at the end: what the
-    page shows of it.
+    The last frame gets the picture as it is at the end: what the page shows of it.
 
     Parameters
     ----------

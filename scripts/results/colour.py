@@ -33,29 +33,31 @@ def colour_picture(image, came, bayer):
     code = getattr(cv2, f"COLOR_Bayer{bayer}2RGB")
     if came.all():
         return cv2.cvtColor(image, code)
-    height, width = image.shape
     filled, near = np.empty_like(image), np.empty(image.shape, bool)
     for row in (0, 1):
         for column in (0, 1):
             site = slice(row, None, 2), slice(column, None, 2)
-            filled[site], distance = _fill(image[site], came[site])
+            row_of, distance = _nearest(came[site])
+            filled[site] = np.take_along_axis(image[site], row_of, axis=0)
             near[site] = 2 * distance <= _REACH
     # All four colours of a pixel's surroundings.
     near = cv2.erode(near.astype(np.uint8), np.ones((3, 3))).astype(bool)
     colours = cv2.cvtColor(filled, code)
-    grey, _ = _fill(image, came)
+    grey = np.take_along_axis(image, _nearest(came)[0], axis=0)
     grey = cv2.blur(grey, (2, 1))  # a row has two colours in turn
     return np.where(near[:, :, None], colours, grey[:, :, None])
 
 
-def spread(plane, known, reach=_REACH):
-    """The plane with unknown pixels like the nearest known one in their column, if that is near.
+def spread(known, *planes):
+    """Planes with unknown pixels like the nearest known one in their column, if that is near.
 
-    Gives the plane, and where it is known then: within ``reach`` rows.
+    Gives the planes, all of which have the same known pixels, and where they are known then: within
+    eight rows.
     """
-    filled, distance = _fill(plane, known)
-    near = distance <= reach
-    return np.where(near, filled, plane), near
+    row_of, distance = _nearest(known)
+    near = distance <= _REACH
+    return (*(np.where(near, np.take_along_axis(plane, row_of, axis=0), plane)
+              for plane in planes), near)
 
 
 def to_file(picture):
@@ -63,15 +65,11 @@ def to_file(picture):
     return picture[:, :, ::-1] if picture.ndim == 3 else picture
 
 
-def _fill(plane, known):
-    """Unknown pixels take the value of the nearest known one in their column, 0 without any.
-
-    Gives the filled plane and the distance to that pixel, in rows of the plane.
-    """
-    height, far = len(plane), np.int16(1 << 13)
+def _nearest(known):
+    """For each pixel the row of the nearest known one in its column, and how far that is."""
+    height, far = len(known), np.int16(1 << 13)
     row = np.arange(height, dtype=np.int16)[:, None]
     above = np.maximum.accumulate(np.where(known, row, -far), axis=0)
     below = np.minimum.accumulate(np.where(known, row, far)[::-1], axis=0)[::-1]
     nearest = np.where(row - above <= below - row, above, below)
-    taken = np.take_along_axis(plane, np.clip(nearest, 0, height - 1), axis=0)
-    return np.where(np.abs(nearest) < far, taken, 0).astype(plane.dtype), np.abs(nearest - row)
+    return np.clip(nearest, 0, height - 1), np.abs(nearest - row)

@@ -59,8 +59,8 @@ class Emulator:
             light(rig, scene, np.random.default_rng([seed, _LIGHT, number]), self._conditions,
                   number)
             for number, scene in enumerate(shown)), strict=True)
-        self._noise_seed = seed, _NOISE
-        self._imager = Imager(self._light[0], rig.noise, self._noise_seed)
+        self._seed = seed
+        self._imager = Imager(self._light[0], rig.noise)
         self.count, self.shown = 0, []
         self._record, self._keep = record, keep
         self.scene = None
@@ -84,7 +84,7 @@ class Emulator:
         # The same for a scene however many frames came before the first lit one: that depends on
         # how fast the host is.
         number = 0 if self.scene is None else self.scene + 1
-        self._imager.draw_from([*self._noise_seed, number, int(lit_us > 0)])
+        self._imager.draw_from([self._seed, _NOISE, number, int(lit_us > 0)])
         image = self._imager.expose(integrated_us, lit_us)
         scene = self.scene if lit_us else None
         if self._record is not None and scene is not None:

@@ -104,12 +104,13 @@ def pack_texture(history, position):
     moment = history.moment(position)
     picture, when = history.picture(position)
     came = np.isfinite(when)
-    known = came
+    shown, known = when, came
     if not came.all():
-        when, known = spread(when, came)
         if picture.ndim == 2:
-            picture, _ = spread(picture, came)
-    age = np.where(known, np.clip((moment.seconds - when) / AGE_STEP, 0, NEVER - 1), NEVER)
+            picture, shown, known = spread(came, picture, when)
+        else:
+            shown, known = spread(came, when)
+    age = np.where(known, np.clip((moment.seconds - shown) / AGE_STEP, 0, NEVER - 1), NEVER)
     ages = moment.seconds - when[came]
     head = json.dumps({
         "type": "texture", "frame": moment.frame.index, "width": when.shape[1],

@@ -46,10 +46,10 @@ def test_what_has_not_come_is_filled_and_never_a_wrong_colour(bayer):
 def test_rows_that_have_not_come_are_like_the_nearest_one():
     plane, known = np.zeros((24, 2), np.uint8), np.zeros((24, 2), bool)
     plane[3], plane[5], known[[3, 5]] = 30, 50, True
-    filled, near = spread(plane, known, 8)
+    filled, near = spread(known, plane)
     assert (filled[:4] == 30).all() and (filled[5:14] == 50).all() and (filled[14:] == 0).all()
     assert near[:14].all() and not near[14:].any()
-    assert not spread(plane, np.zeros_like(known))[1].any()
+    assert not spread(np.zeros_like(known), plane)[1].any()
 
 
 @EVERY

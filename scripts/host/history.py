@@ -200,7 +200,7 @@ class History:
         return state.grey, state.when
 
     def picture(self, position):
-        """As :meth:`texture`, in colour (height, width, 3) if the sensor has colour filters."""
+        """As :meth:`texture`, but as :func:`scripts.results.colour.colour_picture` shows it."""
         image, when = self.texture(position)
         return colour_picture(image, np.isfinite(when), self.calibration.bayer), when
 

@@ -1,4 +1,4 @@
-"""The picture of a sensor with colour filters, in colour."""
+"""The picture that a texture shows, in colour if the sensor has colour filters."""
 
 import numpy as np
 
@@ -22,12 +22,13 @@ def colour_picture(image, came, bayer):
     Returns
     -------
     array
-        ``image`` itself without filters; with filters (height, width, 3) in red, green, blue. A
-        pixel that has not come has the value of the nearest one of its colour in its column that
-        has. Where one of the colours is missing for more than eight rows, it is grey.
+        Without filters (height, width), where a pixel that has not come is like the nearest one in
+        its column that has, within eight rows. With filters (height, width, 3) in red, green, blue;
+        such a pixel has the value of the nearest one of its colour. Where one of the colours is
+        missing for more than eight rows, it is grey.
     """
     if bayer is None or min(image.shape) < 2:
-        return image
+        return spread(came, image)[0]
     import cv2
 
     code = getattr(cv2, f"COLOR_Bayer{bayer}2RGB")
@@ -48,16 +49,16 @@ def colour_picture(image, came, bayer):
     return np.where(near[:, :, None], colours, grey[:, :, None])
 
 
-def spread(known, *planes):
-    """Planes with unknown pixels like the nearest known one in their column, if that is near.
+def spread(known, plane):
+    """A plane with unknown pixels like the nearest known one in their column, if that is near.
 
-    Gives the planes, all of which have the same known pixels, and where they are known then: within
-    eight rows.
+    Gives the plane, and where it is known then: within eight rows.
     """
+    if known.all():
+        return plane, known
     row_of, distance = _nearest(known)
     near = distance <= _REACH
-    return (*(np.where(near, np.take_along_axis(plane, row_of, axis=0), plane)
-              for plane in planes), near)
+    return np.where(near, np.take_along_axis(plane, row_of, axis=0), plane), near
 
 
 def to_file(picture):

@@ -104,12 +104,7 @@ def pack_texture(history, position):
     moment = history.moment(position)
     picture, when = history.picture(position)
     came = np.isfinite(when)
-    shown, known = when, came
-    if not came.all():
-        if picture.ndim == 2:
-            picture, shown, known = spread(came, picture, when)
-        else:
-            shown, known = spread(came, when)
+    shown, known = spread(came, when)
     age = np.where(known, np.clip((moment.seconds - shown) / AGE_STEP, 0, NEVER - 1), NEVER)
     ages = moment.seconds - when[came]
     head = json.dumps({

@@ -49,6 +49,7 @@ def test_rows_that_have_not_come_are_like_the_nearest_one():
     filled, near = spread(known, plane)
     assert (filled[:4] == 30).all() and (filled[5:14] == 50).all() and (filled[14:] == 0).all()
     assert near[:14].all() and not near[14:].any()
+    assert (colour_picture(plane, known, None) == filled).all()
     assert not spread(np.zeros_like(known), plane)[1].any()
 
 
